@@ -171,23 +171,23 @@ contains
     options%keep_history = keep_history /= 0
   end function make_options
 
-  !> Into arrays that may have room for more; NaN there. Stable is 2 where exponents may lack
-  !! that decay more slowly than the first.
+  !> Into arrays that may have room for more, NaN there, or for less: those that grow most. Stable
+  !! is 2 where exponents may lack that decay more slowly than the first.
   subroutine fill_stability(stability, stable, multipliers, exponents)
     type(stability_type), intent(in) :: stability
     integer, intent(out) :: stable(:)
     complex(wp), intent(out) :: multipliers(:, :), exponents(:, :)
     integer :: m, n
 
-    m = size(stability%multipliers, 1)
+    m = min(size(stability%multipliers, 1), size(multipliers, 1))
     n = size(stability%stable)
     stable = -1
     stable(:n) = stability%stable
     where (stability%stable == 1 .and. .not. stability%slowest) stable(:n) = 2
     multipliers = cmplx(ieee_value(0.0_wp, ieee_quiet_nan), 0.0_wp, wp)
     exponents = multipliers
-    multipliers(:m, :n) = stability%multipliers
-    exponents(:m, :n) = stability%exponents
+    multipliers(:m, :n) = stability%multipliers(:m, :)
+    exponents(:m, :n) = stability%exponents(:m, :)
   end subroutine fill_stability
 
   !> Harmonics as numbers of their own, from real and imaginary parts by turns.

@@ -26,7 +26,7 @@ contains
     type(structure_type), intent(out) :: system
     real(wp), intent(in) :: vector(:)
     type(status_type), intent(out) :: status
-    integer :: at, j, m, p, q
+    integer :: at, j, m, n, p, q
 
     if (size(vector) < 4) then
       call fail(status, status_input_error, 'system', 'system: not a structure')
@@ -51,6 +51,14 @@ contains
       rest%stiffness_at_rest = reshape(next(q*q), [q, q])
       call rest%complete()
     end associate
+    n = nint(vector(at + 1))
+    at = at + 1
+    if (n > 0) then
+      system%few%damping = reshape(next(n*n), [n, n])
+      system%few%stiffness = reshape(next(n*n), [n, n])
+      system%few%pushed = reshape(next(n*q), [n, q])
+      system%few%seen = reshape(next(n*q), [n, q])
+    end if
     do j = 1, size(system%loads)
       associate (load => system%loads(j))
         load%order = nint(vector(at + 1))

@@ -10,10 +10,11 @@
 module viscovib_floquet
   use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
   use viscovib_constants, only: pi
-  use viscovib_dense, only: invert, outer
+  use viscovib_dense, only: outer
   use viscovib_harmonic_set, only: harmonic_set_type
   use viscovib_kinds, only: wp
-  use viscovib_lanes, only: lane_product, n_lanes
+  use viscovib_lanes, only: n_lanes
+  use viscovib_linear_along, only: along_type, new_along
   use viscovib_monodromy_step, only: advance, advance_drag, n_nodes, new_step_table, step_table
   use viscovib_oscillator, only: oscillator_type
   use viscovib_product_eigenvalues, only: largest_factor, product_type
@@ -41,21 +42,12 @@ module viscovib_floquet
     logical :: half_wave = .false.
     integer, private :: n_steps = 0, n_dof = 0, chunk = 1
     integer, allocatable, private :: orders(:)
-    real(wp), private :: fastest = 0.0_wp
     !> Steps that are needed, over those by the phase.
     real(wp), private :: density = 1.0_wp
     type(step_table), private :: table
     !> From harmonics to samples at the nodes of all steps, shape (2 n_orders, n).
     real(wp), allocatable, private :: synthesis(:, :)
-    !> sqrt(M_aa): coordinates times this have one unit. In such M^(-1), M^(-1) C, M^(-1) B and
-    !! M^(-1) B W.
-    real(wp), allocatable, private :: unit(:), inverse(:, :), damping(:, :), spread(:, :)
-    real(wp), allocatable, private :: rest(:, :)
-    real(wp), allocatable, private :: u(:, :), w(:, :), slopes(:, :, :), by_u(:, :, :)
-    real(wp), allocatable, private :: by_v(:, :, :), stiffness(:, :, :), along(:)
-    !> Coordinates whose rates matter, and h D at the nodes if there are any.
-    integer, allocatable, private :: rates(:)
-    real(wp), allocatable, private :: drags(:, :, :)
+    type(along_type), private :: along
     !> Harmonics, states, h D and room for the equations of a step, lane first.
     real(wp), allocatable, private :: x(:, :, :), y(:, :, :), drag(:, :, :), g(:, :, :)
   contains
@@ -64,7 +56,6 @@ module viscovib_floquet
     procedure, private :: prepare
     procedure, private :: least_steps
     procedure, private :: integrate
-    procedure, private :: stiffness_along
   end type floquet_type
 
 contains
@@ -73,43 +64,18 @@ contains
     type(floquet_type), intent(out) :: floquet
     class(oscillator_type), intent(in) :: system
     type(harmonic_set_type), intent(in) :: set
-    complex(wp) :: inverse(size(system%mass, 1), size(system%mass, 1))
-    logical :: singular
-    integer :: a, d, m, n
+    integer :: d, n
 
-    d = system%n_dof()
-    m = system%n_memory()
-    floquet%n_dof = d
     floquet%half_wave = set%half_wave
     floquet%orders = set%orders
-    call invert(cmplx(system%mass, 0.0_wp, wp), inverse, singular)
-    floquet%inverse = real(inverse)
-    floquet%unit = [(sqrt(system%mass(a, a)), a=1, d)]
-    floquet%damping = matmul(floquet%inverse, system%damping)
-    floquet%spread = matmul(floquet%inverse, system%spread)
-    floquet%rest = matmul(floquet%spread, system%gather)
-    do a = 1, d
-      floquet%inverse(a, :) = floquet%unit(a)*floquet%inverse(a, :)
-      floquet%spread(a, :) = floquet%unit(a)*floquet%spread(a, :)
-      floquet%damping(a, :) = floquet%unit(a)*floquet%damping(a, :)/floquet%unit
-      floquet%rest(a, :) = floquet%unit(a)*floquet%rest(a, :)/floquet%unit
-    end do
-    ! Upper bounds of the linear frequencies and of the rates of damping.
-    floquet%fastest = sqrt(maxval(sum(abs(floquet%rest), 2))) &
-                      + maxval(sum(abs(floquet%damping), 2))
+    call new_along(floquet%along, system)
+    d = floquet%along%n_dof
+    n = floquet%along%n_seen
+    floquet%n_dof = d
     call new_step_table(floquet%table)
     floquet%chunk = max(1, piece/(n_lanes*n_nodes*d**2))
-    n = n_lanes*n_nodes*floquet%chunk
-    allocate (floquet%rates(0))
-    if (system%n_rates() > 0) floquet%rates = system%rates
-    allocate (floquet%u(n, d + size(floquet%rates)), floquet%w(n, m), &
-              floquet%slopes(n, m, d + size(floquet%rates)), &
-              floquet%stiffness(n, d, d), floquet%along(n), source=0.0_wp)
-    if (size(floquet%rates) > 0) allocate (floquet%drags(n, d, d))
-    if (.not. system%separable) then
-      allocate (floquet%by_u(n, d, d), floquet%by_v(n, d, m), source=0.0_wp)
-    end if
-    allocate (floquet%x(n_lanes, 2*size(set%orders), d), floquet%y(n_lanes, 2*d, 2*d), &
+    call floquet%along%make_room(system, n_nodes*floquet%chunk)
+    allocate (floquet%x(n_lanes, 2*size(set%orders), n), floquet%y(n_lanes, 2*d, 2*d), &
               floquet%drag(n_lanes, d, d), &
               floquet%g(n_lanes, n_nodes*d, (n_nodes + 2)*d), source=0.0_wp)
   end subroutine new_floquet
@@ -157,7 +123,7 @@ contains
       self%x(l, :, :) = x(:, :, min(l, size(nu)))
       h(l) = turn/nu(min(l, size(nu)))
     end do
-    pending = h*self%fastest/phase_a_step <= max_steps
+    pending = h*self%along%fastest/phase_a_step <= max_steps
     pending(size(nu) + 1:) = .false.
     if (.not. any(pending)) return
     where (.not. pending) h = 0.0_wp
@@ -227,7 +193,7 @@ contains
   pure real(wp) function least_steps(self, h)
     class(floquet_type), intent(in) :: self
     real(wp), intent(in) :: h
-    least_steps = max(h*self%fastest/phase_a_step, merge(1.0_wp, 2.0_wp, self%half_wave) &
+    least_steps = max(h*self%along%fastest/phase_a_step, merge(1.0_wp, 2.0_wp, self%half_wave) &
                       *maxval(self%orders)/n_nodes, 2.0_wp)
   end function least_steps
 
@@ -239,7 +205,7 @@ contains
     real(wp), intent(inout) :: matrix(:, :)
     real(wp) :: unit(2*self%n_dof)
 
-    unit = [self%unit, self%unit*h]
+    unit = [self%along%unit, self%along%unit*h]
     matrix = self%y(l, :, :)*outer(1.0_wp/unit, unit)
     if (self%half_wave) matrix = -matrix
   end subroutine to_matrix
@@ -287,13 +253,13 @@ contains
     type(product_type), intent(inout), optional :: product
     !> Minus the logarithm of the determinant of a factor, by Liouville's formula.
     real(wp) :: shrunk
-    integer :: a, b, first, l, s
+    integer :: a, b, first, l, last, s
 
     call begin(self)
     shrunk = 0.0_wp
     do b = 1, self%n_dof
       do a = 1, self%n_dof
-        self%drag(:, a, b) = h*self%damping(a, b)
+        self%drag(:, a, b) = h*self%along%damping(a, b)
       end do
     end do
     error = 0.0_wp
@@ -301,15 +267,17 @@ contains
       if (present(cancel)) then
         if (is_set(cancel)) return
       end if
-      call self%stiffness_along(system, (first - 1)*n_nodes + 1, &
-                                n_nodes*min(self%chunk, self%n_steps - first + 1), h)
-      do s = 1, min(self%chunk, self%n_steps - first + 1)
-        if (size(self%rates) > 0) then
+      last = min(first + self%chunk - 1, self%n_steps)
+      call self%along%fill(system, self%orders, self%x, &
+                           self%synthesis(:, (first - 1)*n_nodes + 1:last*n_nodes), &
+                           merge(pi, 2.0_wp*pi, self%half_wave)/self%n_steps, h)
+      do s = 1, last - first + 1
+        if (size(self%along%rates) > 0) then
           call advance_drag(self%table, self%n_dof, n_nodes*self%chunk, (s - 1)*n_nodes + 1, &
-                            self%stiffness, self%drags, self%y, self%g, error)
+                            self%along%stiffness, self%along%drags, self%y, self%g, error)
         else
           call advance(self%table, self%n_dof, n_nodes*self%chunk, (s - 1)*n_nodes + 1, &
-                       self%stiffness, self%drag, self%y, self%g, error)
+                       self%along%stiffness, self%drag, self%y, self%g, error)
         end if
         if (.not. present(product)) cycle
         shrunk = shrunk + shrinking(self, s)
@@ -333,12 +301,12 @@ contains
     integer, intent(in) :: s
     integer :: a, i
     shrinking = sum([(self%drag(1, a, a), a=1, self%n_dof)])
-    if (size(self%rates) == 0) return
+    if (size(self%along%rates) == 0) return
     shrinking = 0.0_wp
     do i = 1, n_nodes
       do a = 1, self%n_dof
         shrinking = shrinking + self%table%b(i) &
-                    *self%drags(((s - 1)*n_nodes + i - 1)*n_lanes + 1, a, a)
+                    *self%along%drags(((s - 1)*n_nodes + i - 1)*n_lanes + 1, a, a)
       end do
     end do
   end function shrinking
@@ -352,122 +320,5 @@ contains
       self%y(:, a, a) = 1.0_wp
     end do
   end subroutine begin
-
-  !> h^2 M^(-1) dF/du at count nodes from one on, without memory: v = w(u); and h D, if it varies.
-  subroutine stiffness_along(self, system, first, count, h)
-    class(floquet_type), intent(inout) :: self
-    class(oscillator_type), intent(in) :: system
-    integer, intent(in) :: first, count
-    real(wp), intent(in) :: h(n_lanes)
-    real(wp) :: rate(n_lanes, size(self%x, 2)), per_phase(n_lanes)
-    integer :: a, b, j, k
-
-    do b = 1, self%n_dof
-      call lane_product(size(self%x, 2), count, self%x(1, 1, b), self%synthesis(1, first), &
-                        self%u(1, b))
-    end do
-    ! nu h is the phase of a step.
-    per_phase = merge(pi, 2.0_wp*pi, self%half_wave)/self%n_steps/max(h, tiny(1.0_wp))
-    where (.not. h > 0.0_wp) per_phase = 0.0_wp
-    do b = 1, size(self%rates)
-      do k = 1, size(self%orders)
-        rate(:, 2*k - 1) = -self%orders(k)*per_phase*self%x(:, 2*k, self%rates(b))
-        rate(:, 2*k) = self%orders(k)*per_phase*self%x(:, 2*k - 1, self%rates(b))
-      end do
-      call lane_product(size(self%x, 2), count, rate, self%synthesis(1, first), &
-                        self%u(1, self%n_dof + b))
-    end do
-    if (any(system%bent)) call system%deflection_slopes(self%u, self%slopes)
-    if (system%separable) then
-      do b = 1, self%n_dof
-        do a = 1, self%n_dof
-          self%stiffness(:, a, b) = self%rest(a, b)
-        end do
-        do j = 1, size(self%w, 2)
-          if (.not. system%bent(j)) cycle
-          do a = 1, self%n_dof
-            if (.not. abs(self%spread(a, j)) > 0.0_wp) cycle
-            self%stiffness(:, a, b) = self%stiffness(:, a, b) + (self%spread(a, j)/self%unit(b)) &
-                                      *self%slopes(:, j, b)
-          end do
-        end do
-      end do
-    else
-      call inseparable(self, system)
-    end if
-    do b = 1, self%n_dof
-      do a = 1, self%n_dof
-        call scale_lanes(count, h**2, self%stiffness(1, a, b))
-      end do
-    end do
-    if (size(self%rates) == 0) return
-    do b = 1, self%n_dof
-      do a = 1, self%n_dof
-        self%drags(:, a, b) = self%damping(a, b)
-      end do
-    end do
-    do k = 1, size(self%rates)
-      b = self%rates(k)
-      do j = 1, size(self%w, 2)
-        if (.not. system%bent(j)) cycle
-        do a = 1, self%n_dof
-          self%drags(:, a, b) = self%drags(:, a, b) + (self%spread(a, j)/self%unit(b)) &
-                                *self%slopes(:, j, self%n_dof + k)
-        end do
-      end do
-    end do
-    do b = 1, self%n_dof
-      do a = 1, self%n_dof
-        call scale_lanes(count, h, self%drags(1, a, b))
-      end do
-    end do
-  end subroutine stiffness_along
-
-  !> M^(-1) dF/du where F(u, v) bends in v too.
-  subroutine inseparable(self, system)
-    class(floquet_type), intent(inout) :: self
-    class(oscillator_type), intent(in) :: system
-    integer :: a, b, e, j
-
-    call system%deflection_remainder(self%u, self%w)
-    do j = 1, size(self%w, 2)
-      if (.not. system%bent(j)) self%w(:, j) = 0.0_wp
-      do b = 1, self%n_dof
-        if (.not. abs(system%gather(j, b)) > 0.0_wp) cycle
-        self%w(:, j) = self%w(:, j) + system%gather(j, b)*self%u(:, b)
-      end do
-    end do
-    call system%force_slopes(self%u, self%w, self%by_u, self%by_v)
-    self%stiffness = 0.0_wp
-    do b = 1, self%n_dof
-      do e = 1, self%n_dof
-        self%along = self%by_u(:, e, b)
-        do j = 1, size(self%w, 2)
-          if (system%bent(j)) then
-            self%along = self%along + (system%spread(e, j) + self%by_v(:, e, j)) &
-                         *(system%gather(j, b) + self%slopes(:, j, b))
-          else if (abs(system%gather(j, b)) > 0.0_wp) then
-            self%along = self%along + (system%spread(e, j) + self%by_v(:, e, j)) &
-                         *system%gather(j, b)
-          end if
-        end do
-        do a = 1, self%n_dof
-          if (.not. abs(self%inverse(a, e)) > 0.0_wp) cycle
-          self%stiffness(:, a, b) = self%stiffness(:, a, b) + (self%inverse(a, e)/self%unit(b)) &
-                                    *self%along
-        end do
-      end do
-    end do
-  end subroutine inseparable
-
-  pure subroutine scale_lanes(n, factors, values)
-    integer, intent(in) :: n
-    real(wp), intent(in) :: factors(n_lanes)
-    real(wp), intent(inout) :: values(n_lanes, n)
-    integer :: i
-    do i = 1, n
-      values(:, i) = factors*values(:, i)
-    end do
-  end subroutine scale_lanes
 
 end module viscovib_floquet

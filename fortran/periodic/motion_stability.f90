@@ -18,6 +18,7 @@ module viscovib_motion_stability
   use viscovib_kinked_motion, only: is_kinked
   use viscovib_kinked_stability, only: kinked_multipliers
   use viscovib_lanes, only: n_lanes
+  use viscovib_linear_along, only: few_modes_of
   use viscovib_orbit_multipliers, only: told_apart
   use viscovib_oscillator, only: oscillator_type
   use viscovib_product_eigenvalues, only: product_eigenvalues, product_type
@@ -68,8 +69,9 @@ module viscovib_motion_stability
     type(harmonic_set_type), private :: set
     type(hill_type), private :: hill
     type(floquet_type), private :: floquet
-    !> Of a condensed structure.
+    !> Of a condensed structure; where it has few modes these are integrated first.
     type(condensed_judge), allocatable, private :: condensed
+    logical, private :: modal = .false.
   contains
     procedure :: judge
     procedure :: follow
@@ -82,13 +84,14 @@ module viscovib_motion_stability
 contains
 
   !> Exponents a solution at most.
-  pure integer function stability_slots(system)
+  integer function stability_slots(system)
     class(oscillator_type), intent(in) :: system
     stability_slots = 2*system%n_dof() &
                       + merge(more, 0, any(system%kernel_of > 0) .or. system%moving)
     select type (system)
     class is (structure_type)
       stability_slots = 2*system%n_dof() + more
+      if (few_modes_of(system) > 0) stability_slots = 2*few_modes_of(system)
     end select
   end function stability_slots
 
@@ -108,9 +111,11 @@ contains
     judge%complete = .not. judge%remembers
     select type (system)
     class is (structure_type)
-      judge%complete = .false.
       allocate (judge%condensed)
       call new_condensed_judge(judge%condensed, system, set)
+      judge%modal = few_modes_of(system) > 0 .and. .not. judge%kinked
+      judge%complete = judge%modal
+      if (judge%modal) call new_floquet(judge%floquet, system, set)
       return
     end select
     if (judge%remembers) then
@@ -142,6 +147,7 @@ contains
     jumps = .false.
     if (self%kinked) call self%by_pieces(system, nu, x, stability, jumps, cancel)
     if (self%jumps .and. .not. self%kinked) call find_jumping(self, system, nu, x, jumps)
+    if (self%modal) call self%by_floquet(system, nu, x, stability, jumps, cancel)
     if (allocated(self%condensed)) then
       call self%by_condensed(system, nu, x, stability, jumps, cancel)
     else if (self%remembers) then

@@ -18,7 +18,7 @@ module viscovib_structure
   implicit none
   private
 
-  public :: structure_type, structure_load
+  public :: structure_type, structure_load, few_coordinates
 
   !> A dynamic stiffness that stands for one without bound.
   real(wp), parameter :: rigid = huge(1.0_wp)**0.25_wp
@@ -32,9 +32,17 @@ module viscovib_structure
     complex(wp), allocatable :: at_rest(:)
   end type structure_load
 
+  !> The rest before it was condensed, y'' + C y' + K y + P g(S^T y) = 0, where it has few
+  !! coordinates that are no real modes; else nothing is allocated.
+  type :: few_coordinates
+    !> C and K, shape (n, n); P and S, shape (n, n_dof). Masses are 1.
+    real(wp), allocatable :: damping(:, :), stiffness(:, :), pushed(:, :), seen(:, :)
+  end type few_coordinates
+
   !> Mass and damping of the coordinates are no part of the equations: the former only weighs them.
   type, extends(polynomial_type) :: structure_type
     type(compliance_type) :: rest
+    type(few_coordinates) :: few
     type(structure_load), allocatable :: loads(:)
   contains
     procedure :: dynamic_stiffness

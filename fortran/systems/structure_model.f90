@@ -1,14 +1,14 @@
 !> A structure as it is written down: matrices, elements and loads; condensed to the deflections of
 !! its elements, and its motions in all coordinates.
 module viscovib_structure_model
-  use viscovib_dense, only: factorize, solve
+  use viscovib_dense, only: factorize, invert, solve
   use viscovib_kernel_holder, only: kernel_holder
   use viscovib_kinds, only: wp
   use viscovib_load, only: load_type, new_load
   use viscovib_polynomial, only: max_coordinates, new_polynomial, polynomial_parameters
   use viscovib_resonant_compliance, only: bordered, near_modes
   use viscovib_status, only: fail, set_ok, show, status_input_error, status_type, things
-  use viscovib_structure, only: structure_type
+  use viscovib_structure, only: few_coordinates, structure_type
   use viscovib_structure_elements, only: element_type, find_directions, put_laws
   use viscovib_structure_rest, only: modal_damping, new_rest, rest_type
   use viscovib_symmetric_modes, only: find_symmetric_modes
@@ -21,6 +21,8 @@ module viscovib_structure_model
   integer, parameter :: most_terms = 20000
   !> Part of a rigid body's motion that is no deflection; of a load that nothing holds: rounding.
   real(wp), parameter :: unseen = 1.0e-10_wp, unheld = 1.0e-9_wp
+  !> Coordinates up to which matrices behind complex modes are kept.
+  integer, parameter :: most_few = 24
   !> Largest entries of matrices; of factors and elements.
   real(wp), parameter :: largest = 1.0e40_wp, largest_factor = 1.0e20_wp
 
@@ -106,10 +108,39 @@ contains
     call find_static(model, system, status)
     if (status%failed()) return
     call system%rest%complete()
+    if (size(model%rest%poles) > 0 .and. size(model%mass, 1) <= most_few) &
+      call keep_matrices(model, model%all_damping(), stiffness, system%few)
     call new_polynomial(system%polynomial_type, p, kernels, status)
     system%condensed = .true.
     allocate (system%loads(0))
   end subroutine condense
+
+  !> The matrices behind complex modes, in units that make the masses 1.
+  subroutine keep_matrices(model, damping, stiffness, few)
+    type(structure_model), intent(in) :: model
+    real(wp), intent(in) :: damping(:, :), stiffness(:, :)
+    type(few_coordinates), intent(out) :: few
+    complex(wp) :: inverse(size(damping, 1), size(damping, 1))
+    real(wp) :: left(size(damping, 1), size(damping, 1)), unit(size(damping, 1))
+    logical :: singular
+    integer :: a
+
+    call invert(cmplx(model%mass, 0.0_wp, wp), inverse, singular)
+    if (singular) return
+    unit = [(sqrt(model%mass(a, a)), a=1, size(unit))]
+    do a = 1, size(unit)
+      left(a, :) = unit(a)*real(inverse(a, :))
+    end do
+    few%damping = matmul(left, damping)
+    few%stiffness = matmul(left, stiffness)
+    few%seen = matmul(transpose(model%places), model%directions)
+    few%pushed = matmul(left, few%seen)
+    do a = 1, size(unit)
+      few%damping(:, a) = few%damping(:, a)/unit(a)
+      few%stiffness(:, a) = few%stiffness(:, a)/unit(a)
+      few%seen(a, :) = few%seen(a, :)/unit(a)
+    end do
+  end subroutine keep_matrices
 
   !> Numbers whose squares and products stay within the range of numbers.
   subroutine check_sizes(model, status)

@@ -19,6 +19,8 @@ _UNHELD = 1e-9
 _UNSEEN = 1e-10
 #: Numbers of one part of an expansion to all coordinates.
 _AT_ONCE = 2_000_000
+#: Coordinates up to which the core is given the matrices behind complex modes.
+_FEW = 24
 #: A mode whose dynamic stiffness is this part of its stiffness or less is next to a resonance.
 _NEAR = 1e-6
 
@@ -111,7 +113,20 @@ class Condensation:
             (self.laws.directions.T @ self.flexible).ravel(order="F"),
             (self.laws.directions.T @ self.flexible_rate).ravel(order="F"),
             self.static(*nothing, np.zeros(q, complex)).stiffness.ravel(order="F"),
+            *self._matrix_vector,
         ]  # fmt: skip
+
+    @cached_property
+    def _matrix_vector(self) -> list[Any]:
+        """M^-1 C, M^-1 K, M^-1 Q and Q in units that make the masses 1, of few coordinates."""
+        if self.rest.matrices is None or self.rest.matrices[0].shape[0] > _FEW:
+            return [[0]]
+        mass, damping, stiffness = self.rest.matrices
+        unit = np.sqrt(np.diag(mass))
+        left, right = np.diag(unit) @ np.linalg.inv(mass), np.diag(1 / unit)
+        q = self.laws.directions
+        parts = left @ damping @ right, left @ stiffness @ right, left @ q, right @ q
+        return [[unit.size], *(part.ravel(order="F") for part in parts)]
 
     def law_vector(self, direction: FloatArray) -> list[Any]:
         """The laws in numbers, as a polynomial system of the coordinates left.

@@ -50,6 +50,8 @@ class Rest(NamedTuple):
     flexibility: Callable[[FloatArray], tuple[FloatArray, FloatArray]] | None = None
     #: What layers remember, among the complex modes.
     remembered: tuple[Remembered, ...] = ()
+    #: M, C and K where the complex modes are theirs.
+    matrices: tuple[FloatArray, FloatArray, FloatArray] | None = None
 
     @property
     def n_modes(self) -> int:
@@ -195,7 +197,8 @@ def _complex_rest(mass: FloatArray, damping: FloatArray, stiffness: FloatArray) 
     left = rights[:n]
     right = inverse.T @ (lefts[n:].conj() / scale)
     none = np.zeros(0)
-    return Rest(none, none, none, np.zeros((n, 0)), poles, left, right)
+    given = mass, damping, stiffness
+    return Rest(none, none, none, np.zeros((n, 0)), poles, left, right, matrices=given)
 
 
 class Static(NamedTuple):
