@@ -5,8 +5,8 @@
 !! several solutions side by side in the lanes, at the nodes of equal steps h: h^2 M^-1 K, and h D
 !! with D = M^-1 C. Coordinates times the root of their mass have one unit.
 !!
-!! Of a condensed structure y are its few coordinates in units that make the masses 1, or real modes.
-!! They deflect its elements by d = S^T y, which push them by -P g(d, d'), so that
+!! Of a condensed structure y are its few coordinates in units that make the masses 1, or real
+!! modes. They deflect its elements by d = S^T y, which push them by -P g(d, d'), so that
 !!
 !!   y'' + C y' + K y + P [dg/dd S^T y + dg/dd' S^T y'] = 0.
 module viscovib_linear_along

@@ -108,8 +108,9 @@ contains
     call find_static(model, system, status)
     if (status%failed()) return
     call system%rest%complete()
-    if (size(model%rest%poles) > 0 .and. size(model%mass, 1) <= most_few) &
+    if (size(model%rest%poles) > 0 .and. size(model%mass, 1) <= most_few) then
       call keep_matrices(model, model%all_damping(), stiffness, system%few)
+    end if
     call new_polynomial(system%polynomial_type, p, kernels, status)
     system%condensed = .true.
     allocate (system%loads(0))

@@ -263,6 +263,9 @@ SOUND = (
     f"vv.plot_modulation(motion={SCALES}.motion([0, 1], [0.05, 0, 0.1, 0, 0.1, 0]))",
     f"{SCALES}.response('p1', [0.8, 0.9])",
     f"{SCALES}.motion([0, 1, 2], [0.05, 0, 0.1, 0, 0.1, 0])",
+    "vv.MultipleScales(vv.Pendulum(e=0.0102, w2=0.366, w3=0.988, alpha=0.573, c1=0.0258, "
+    "c2=0.00555, c3=0.00837, f0=0.0046, m01=0.00058, m02=0.0017, p1=1.01, p2=1.0086, p3=0.3595))"
+    ".response('p1', [1.01]).beating(0)",
     f"{SCALES}.modulation([0, 1, 2], [0.05, 0, 0.1, 0, 0.1, 0])",
     f"{MEMORY}.characteristic_roots()",
     f"vv.trace_response({SYSTEM}, nu=0.5, load_range=(0, 10), load=1, harmonics=5, "

@@ -80,6 +80,13 @@ def _sets():
     )  # fmt: skip
 
 
+#: Three loads of which two lie so close that amplitudes beat.
+BEATING = vv.Pendulum(
+    e=0.0102, w2=0.366, w3=0.988, alpha=0.573, c1=0.0258, c2=0.00555, c3=0.00837,
+    f0=0.0046, m01=0.00058, m02=0.0017, p1=1.01, p2=1.0086, p3=0.3595,
+)  # fmt: skip
+
+
 def _forces():
     moved = vv.forced_response(ENGINE, [1, 2], load=ENGINE.load((0, 0, 10)), method="linear")
     return ENGINE.mount_forces(moved)
@@ -94,6 +101,7 @@ RESULTS |= {
     "mount forces": _forces,
     "modulation": lambda: vv.MultipleScales(BODY).modulation([0, 1, 2], [0.1, 0, 0.1, 0, 0, 0]),
     "scales motion": lambda: vv.MultipleScales(BODY).motion([0, 1, 2], [0.1, 0, 0.1, 0, 0, 0]),
+    "beating motion": lambda: vv.MultipleScales(BEATING).response("p1", [1.01]).beating(0),
     "basins": lambda: vv.basins(
         vv.PolynomialSystem(mass=1, stiffness=-1, damping=0.3, forces="x^3"),
         {"x": [0.5, -0.5], "x_dot": [0.1, 0.2]},
@@ -121,7 +129,7 @@ PARTS = {
 }
 DRAWN = set(RESULTS) - {
     "basins", "ensemble", "lines", "body modes", "mount forces", "modulation", "scales motion",
-    "master curve", "kramers kronig", "fit", "prony fit",
+    "beating motion", "master curve", "kramers kronig", "fit", "prony fit",
 }  # fmt: skip
 #: Public classes that calls take or that hold others; all else is found, and a value.
 NOT_FOUND = [

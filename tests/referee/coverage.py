@@ -44,6 +44,7 @@ NOTHING_TO_JUDGE = {
     "plot_trajectory": _PICTURE,
     "plot_transmissibility": _PICTURE,
     "report": "a page of numbers that bodies judges",
+    "BeatingMotion.to_dataset": "its own arrays and properties, which scales judges",
     "BodyModes.to_dataset": "its own arrays, which test_body compares",
     "plot_modulus": _PICTURE,
     "plot_cole_cole": _PICTURE,

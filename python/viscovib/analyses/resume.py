@@ -71,7 +71,8 @@ class _Known:
 def breaks_of(force: LoadTable | None, base: LoadLike | LoadTable | None, n_dof: int) -> FloatArray:
     """Return the times at which tables have corners, jumps and ends, ascending; none: no tables."""
     breaks = np.empty(0)
-    if force is not None:
+    # What is no table is refused where loads are read.
+    if isinstance(force, LoadTable):
         breaks = force._breaks(n_dof)
     if isinstance(base, LoadTable):
         breaks = np.union1d(breaks, base._breaks(1))

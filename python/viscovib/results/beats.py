@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import product
+from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
@@ -13,6 +14,9 @@ from viscovib import _native
 from viscovib._native import ComplexArray, FloatArray
 from viscovib.common.counts import things
 from viscovib.common.results import Result
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 #: Highest multiple of a load's frequency that a line is looked for at, by the number of loads.
 _HIGHEST = {1: 24, 2: 24, 3: 16, 4: 6, 5: 3, 6: 2}
@@ -54,10 +58,10 @@ class BeatingMotion(Result):
     --------
     >>> import viscovib as vv
     >>> body = vv.Pendulum(
-    ...     e=0.1, w2=0.5, w3=1.0, alpha=0.5, c1=0.01, c2=0.01, c3=0.01,
-    ...     f0=0.002, p1=1.03, m01=0.001, p2=0.49, m02=0.001, p3=1.0,
+    ...     e=0.0102, w2=0.366, w3=0.988, alpha=0.573, c1=0.0258, c2=0.00555, c3=0.00837,
+    ...     f0=0.0046, m01=0.00058, m02=0.0017, p1=1.01, p2=1.0086, p3=0.3595,
     ... )
-    >>> response = vv.MultipleScales(body).response("p1", [1.03])
+    >>> response = vv.MultipleScales(body).response("p1", [1.01])
     >>> lines = [response.beating(i).lines("z")[:3] for i in response.beating_points]
     """
 
@@ -148,6 +152,29 @@ class BeatingMotion(Result):
             for k in order
             if sizes[k] > 0
         ]
+
+    def to_dataset(self) -> xr.Dataset:
+        """Lines and what follows from them as an xarray Dataset."""
+        import xarray as xr
+
+        return xr.Dataset(
+            {
+                "frequency": ("line", self.frequencies, {"units": "rad/s"}),
+                "multiple": (("line", "load"), self.orders),
+                "harmonic": (("line", "dof"), self.harmonics),
+                "error": ("dof", self.errors),
+                "mean": ("dof", self.mean),
+                "rms": ("dof", self.rms),
+                "largest": ("dof", self.largest),
+            },
+            coords={"dof": list(self.dof_names), "load": list(self.loads)},
+            attrs={
+                "n_beats": self.n_beats,
+                "value": self.value,
+                "growth": self.growth,
+                "growth_error": self.growth_error,
+            },
+        )
 
     def at(self, t: npt.ArrayLike) -> FloatArray:
         """Coordinates at times t, all loads being cosines, shape (n, n_dof)."""

@@ -13,7 +13,6 @@ from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.linalg import qr
 
 from viscovib import _native
 from viscovib._native import FloatArray
@@ -49,6 +48,8 @@ class FewModes(NamedTuple):
 
 def few_modes(structure: Structure, modes: Any, load: Any, nu: float | None) -> FewModes:
     """Return a structure in the modes chosen; None: in all of them, if they are few."""
+    from scipy.linalg import qr
+
     modal = squares, shapes, damping = _modal(structure)
     force = _force(structure, load)
     mixed = _with_corrections(structure, squares, shapes, _chosen(modes, squares.size), force)
