@@ -51,7 +51,7 @@ class SweepError(ViscovibError):
 
 
 class RangeWarning(UserWarning):
-    """An asymptotic result is outside the range in which its expansion holds."""
+    """A result lies outside the range in which its expansion, or its numbers, hold."""
 
 
 def near_name(wrong: str, known: Iterable[str]) -> str:

@@ -1,16 +1,22 @@
 """The linear rest of a structure: its modes, and what modes left out would add."""
 
+import warnings
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from viscovib._native import ComplexArray, FloatArray
-from viscovib.errors import InputError
+from viscovib.errors import InputError, RangeWarning
 
 #: Parts of the largest entry that are rounding: off the diagonal of a modal damping, a square of
 #: a frequency, what is left of a direction that depends on others.
 _OFF_DIAGONAL, _RIGID, _DEPENDENT = 1e-12, 1e-12, 1e-10
+#: Part of the square of a frequency that may be rounding without a word, and how little of it a
+#: free motion leaves beside rounding.
+_LOST, _FREE = 1e-6, 0.02
+#: Squares of frequencies are found to so many roundings of the largest.
+_SOLVED = 4.0
 #: How far above all others the square of a frequency stands for what follows at once.
 _AT_ONCE = 1e10
 
@@ -171,6 +177,24 @@ def _without_rounding(squares: FloatArray, shapes: FloatArray, stiffness: FloatA
     pulled = np.einsum("im,ij,jm->m", np.abs(shapes), np.abs(stiffness), np.abs(shapes))
     result = squares.copy()
     result[np.abs(squares) <= _RIGID * pulled] = 0.0
+    # The springs of a mode pull against each other: the rounding of each stays.
+    lost = np.finfo(float).eps * pulled / np.maximum(np.abs(squares), np.finfo(float).tiny)
+    beyond = np.abs(squares) > _SOLVED * np.finfo(float).eps * np.abs(squares).max()
+    doubtful = beyond & np.where(result == 0, lost < _FREE, lost > _LOST)
+    if doubtful.any():
+        worst = int(np.where(doubtful, lost, 0).argmax())
+        held = (
+            f"counts as free, though its frequency may be {np.sqrt(abs(squares[worst])):.2g} rad/s"
+            if result[worst] == 0
+            else f"has {np.sqrt(abs(squares[worst])):.4g} rad/s, and the square of that is known "
+            f"to {lost[worst]:.1g} only"
+        )
+        warnings.warn(
+            f"stiffness: springs are so different that rounding hides the soft ones: mode {worst} "
+            f"{held}; stiffer parts may be made rigid, or softer",
+            RangeWarning,
+            stacklevel=2,
+        )
     return result
 
 
