@@ -327,7 +327,7 @@ def _branch(
     _warn_above(
         branch.truncation, tolerance, way.varies, p,
         f"harmonics up to {orders[-1]} do not reach the tolerance",
-        falling(branch.coefficients[worst]) if branch.truncation[worst] > tolerance else "",
+        falling(motions[worst]) if branch.truncation[worst] > tolerance else "",
     )  # fmt: skip
     if isinstance(branch, StructureBranch):
         warn_of_reduction(branch)

@@ -329,11 +329,15 @@ def _warn_of_few_orders(response: Response, tolerance: float) -> None:
     if not few.any():
         return
     worst = int(np.nanargmax(response.truncation))
+    # Of a structure those left, which need no expansion to all coordinates.
+    motions = (
+        response._condensed if isinstance(response, StructureResponse) else response.coefficients
+    )
     warnings.warn(
         f"at {few.sum()} of {things(few.size, 'frequency', 'frequencies')} the orders kept do "
         f"not reach the tolerance {tolerance:.1e}; worst at nu = {response.nu[worst]:.6g}, where "
         f"those up to {response.highest[worst]} leave an estimated relative error of "
-        f"{response.truncation[worst]:.1e}{falling(response.coefficients[worst])}",
+        f"{response.truncation[worst]:.1e}{falling(motions[worst])}",
         ConvergenceWarning,
         stacklevel=caller(),
     )
