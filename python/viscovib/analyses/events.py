@@ -72,32 +72,32 @@ class Watch:
         self.found: list[FloatArray] = []
 
     @classmethod
-    def checked(cls, events: object, names: Sequence[str]) -> Watch:
-        """Compile events of a motion with these coordinates."""
+    def checked(cls, events: object, names: Sequence[str], told: str = "") -> Watch:
+        """Compile events of a motion with these coordinates; ``told``: what the user calls it."""
         if isinstance(events, (str, Event)):
             events = [events]
         if not isinstance(events, (list, tuple)) or not 0 < len(events) <= _MOST_EVENTS:
             raise InputError(
                 f"events = {_native.shown(events)}: must be 1 to {_MOST_EVENTS} texts or Event"
             )
+        called = [told or f"events[{i}]" for i in range(len(events))]
         own = []
         for i, event in enumerate(events):
             if isinstance(event, str):
                 event = Event(event)
             if not isinstance(event, Event):
                 raise InputError(
-                    f"events[{i}] = {_native.shown(event)}: must be a text or an Event"
+                    f"{called[i]} = {_native.shown(event)}: must be a text or an Event"
                 )
             own.append(event)
         arguments = [f"{name}{dot}" for name in names for dot in ("", "_dot")] + ["t"]
         laws = [
-            compile_law(f"events[{i}]", event.function, arguments, {})
-            for i, event in enumerate(own)
+            compile_law(called[i], event.function, arguments, {}) for i, event in enumerate(own)
         ]
         for i, law in enumerate(laws):
             if not law.places:
                 raise InputError(
-                    f"events[{i}] = {own[i].function!r}: depends on no quantity, must name "
+                    f"{called[i]} = {own[i].function!r}: depends on no quantity, must name "
                     f"{', '.join(arguments[:6])}{', ...' if len(arguments) > 6 else ''}"
                 )
         return cls(laws, own)

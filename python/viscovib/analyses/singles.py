@@ -147,7 +147,7 @@ class SingleMembers(Members):
         make, _, _ = runs_of(self._one(i), end, state, self.method, self._acting(i), None, False)
         watch = None
         if self.surface is not None and moved is None:
-            watch = Watch.checked([self.surface], observed(make(1.0)))
+            watch = Watch.checked([self.surface], observed(make(1.0)), "sections")
         return known(make, watch=watch)(h)
 
     def load_frequencies(self, sections: int) -> tuple[str, FloatArray]:
