@@ -103,10 +103,21 @@ contains
       if (interpolation == interpolation_linear) then
         kernel%slopes = (r(2:) - r(:n - 1))/(t(2:) - t(:n - 1))
       else
-        kernel%slopes = log(r(:n - 1)/r(2:))/(t(2:) - t(:n - 1))
+        kernel%slopes = log_ratio(r(:n - 1), r(2:))/(t(2:) - t(:n - 1))
       end if
     end associate
   end subroutine new_tabulated
+
+  !> log(a/b) for positive a and b, to rounding where they are alike too: a - b is exact there,
+  !! and the quotient a/b is not. A last rate of 1e-3 loses three digits else, and the integral with it.
+  elemental real(wp) function log_ratio(a, b)
+    real(wp), intent(in) :: a, b
+    if (a <= 2.0_wp*b .and. b <= 2.0_wp*a) then
+      log_ratio = 2.0_wp*atanh((a - b)/(a + b))
+    else
+      log_ratio = log(a/b)
+    end if
+  end function log_ratio
 
   !> Integral that a kernel lacks: of a table, before its first time; else 0.
   pure real(wp) function unseen_integral(kernel)
@@ -129,8 +140,8 @@ contains
     unseen_start = 0.0_wp
     if (size(t) < 3) return
     if (t(1) <= 0.0_wp .or. r(3) <= 0.0_wp .or. r(2) <= r(3) .or. r(1) <= r(2)) return
-    rate = log(r(:2)/r(2:3))/(t(2:3) - t(:2))
-    power = -log(r(:2)/r(2:3))/log(t(2:3)/t(:2))
+    rate = log_ratio(r(:2), r(2:3))/(t(2:3) - t(:2))
+    power = -log_ratio(r(:2), r(2:3))/log_ratio(t(2:3), t(:2))
     known = r(1)*t(1)*mean_growth(rate(1)*t(1))
     before = known
     if (abs(power(2) - power(1))*sum(rate) < abs(rate(2) - rate(1))*abs(sum(power))) then

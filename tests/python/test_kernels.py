@@ -110,6 +110,22 @@ class TestLaws:
         assert kernel.cosine([]).shape == (0,)
 
 
+@pytest.mark.parametrize("drop", [1e-2, 1e-4, 1e-6, 1e-9])
+def test_the_integral_of_a_table_that_hardly_falls_at_its_end_keeps_its_digits(drop):
+    t, r = [0.564, 1.1021, 1.7301], [0.75672, 0.61535, 0.61535 * (1 - drop)]
+    total = vv.TabulatedKernel(times=t, values=r, interpolation="exponential").integral
+    with mpmath.workdps(30):
+        a, b = (
+            mpmath.log(mpmath.mpf(r[i]) / mpmath.mpf(r[i + 1]))
+            / (mpmath.mpf(t[i + 1]) - mpmath.mpf(t[i]))
+            for i in (0, 1)
+        )
+        before = mpmath.mpf(r[0]) * mpmath.expm1(a * mpmath.mpf(t[0])) / a
+        between = sum((mpmath.mpf(r[i]) - mpmath.mpf(r[i + 1])) / q for i, q in enumerate((a, b)))
+        exact = float(before + between + mpmath.mpf(r[2]) / b)
+    assert total == pytest.approx(exact, rel=1e-15)
+
+
 def test_tabulated_exponential_is_exact_for_an_exponential():
     t = np.array([0.3, 0.31, 2.0, 7.0])
     table = vv.TabulatedKernel(times=t, values=0.4 * np.exp(-0.9 * t), interpolation="exponential")

@@ -68,7 +68,8 @@ def _rabotnov(a, al, be, t, integrals):
     middle, fast = np.log(be) / al, -np.log(t)
     low = min(middle, fast) - 40 / (1 + al)
     high = max(middle + (40 / al if integrals else 0), fast) + (40 / al if integrals else 5)
-    x = np.arange(low, high, step)
+    # np.arange takes its step from two places, which loses digits where they are far from 0.
+    x = low + step * np.arange(int((high - low) / step))
     # p = x^alpha / beta, in whichever of p and 1/p is small.
     p = np.exp(-al * np.abs(x - middle))
     spectrum = p / (1 + 2 * p * np.cos(np.pi * al) + p * p) / be
@@ -175,9 +176,11 @@ hats, value, integral = kernel.transform({mu}), kernel({at.tolist()}), kernel.in
             total = float(_hat(kind, pieces, mp.mpf(0)).real)
         true = np.interp(at, t, v if kind == "linear" else np.log(v))
         true = true if kind == "linear" else np.exp(true)
-        # Angles mu t are known to rounding of their own size.
+        # Angles mu t are known to rounding of their own size; the jump at the end of a linear table
+        # is v/mu there, and may be larger than what is left of it all.
         blur = 1e-13 + 4e-16 * np.array(mu) * t[-1]
-        yield Claim("transform of a table", names["hats"], hats, blur * np.abs(hats))
+        blur = blur * np.abs(hats) + (2e-16 * t[-1] * v[-1] if kind == "linear" else 0)
+        yield Claim("transform of a table", names["hats"], hats, blur)
         yield Claim("value of a table", names["value"], true, 1e-13 * true)
         yield Claim("integral of a table", names["integral"], total, 1e-13 * total)
 
