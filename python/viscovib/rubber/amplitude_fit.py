@@ -23,7 +23,7 @@ from viscovib.kernels.relaxation import Kernel
 from viscovib.rubber.data import ModulusData
 from viscovib.rubber.kernel_fit import fit_kernel
 from viscovib.rubber.measured import Measured, descend
-from viscovib.rubber.models import PARTS, Model
+from viscovib.rubber.models import PARTS, Model, start_shapes
 
 _ELEMENTS, _DEGREE, _ODD = Whole("elements", 1, 6), Whole("degree", 1, 9), Flag("odd")
 #: The largest deflection of a law (m).
@@ -31,7 +31,13 @@ _SIZES = (1e-12, 1e12)
 #: Two amplitudes are one if they differ by less.
 _SAME = 1e-3
 #: Places of slips that are tried, and how often the best is brought on to its end.
-_STARTS, _POLISHED = 16, 3
+_STARTS, _POLISHED = 16, 12
+#: Orders and times of a kernel tried beside them, of which the best few go on.
+_ALPHAS, _TIMES, _BEST = (0.08, 0.2, 0.35, 0.5, 0.65, 0.8, 0.93), 12, 3
+#: What a part is at least of the largest stiffness, to be a start.
+_LEAST = 1e-6
+#: Squares of relative residuals that are rounding.
+_EXACT = 1e-28
 
 
 def jenkins_stiffness(amplitude: npt.ArrayLike, *, stiffness: float, slip: float) -> ComplexArray:
@@ -165,10 +171,9 @@ def fit_amplitude(data: ModulusData, *, kind: str = "rabotnov", elements: int = 
     drop = np.asarray(data.storage)[np.log(x) <= levels[0] + _SAME].max()
     guess = max(float(drop - np.asarray(data.storage)[first].max()), 0.05 * float(drop)) / count
     grid = np.linspace(levels[0], levels[-1], count + 5)[1:-1]
-    starts = [
-        np.concatenate([start, np.full(count, math.log(guess)), places])
-        for places in islice(combinations(grid, count), _STARTS)
-    ]
+    slips = list(islice(combinations(grid, count), _STARTS))
+    starts = [np.concatenate([start, np.full(count, math.log(guess)), one]) for one in slips]
+    starts += _grid_starts(measured, x, model, slips)
 
     def said(t: FloatArray) -> FloatArray:
         value, _ = model.modulus_at(measured.along, t[: model.size])
@@ -192,7 +197,11 @@ def fit_amplitude(data: ModulusData, *, kind: str = "rabotnov", elements: int = 
     ends = [descend(residual, slopes, one, rough=True) for one in starts]
     theta = min(ends, key=lambda end: float(residual(end) @ residual(end)))
     for _ in range(_POLISHED):
+        before = float(residual(theta) @ residual(theta))
         theta = descend(residual, slopes, theta)
+        after = float(residual(theta) @ residual(theta))
+        if after > 0.999 * before or after < _EXACT * measured.target.size:
+            break
     return _amplitude_result(model, theta, count, residual(theta), slopes(theta))
 
 
@@ -220,6 +229,41 @@ def _kernel_start(
         p = p * (fit.model.unit / model.unit) ** alpha
         tau = np.array([model.unit])
     return model.join(modulus, alpha, tau, p)
+
+
+def _grid_starts(
+    measured: Measured, x: FloatArray, model: Model, slips: list[tuple[float, ...]]
+) -> list[FloatArray]:
+    """Unknowns by least squares over a grid of orders, times and slips, best first.
+
+    All else is linear: M_0 (1 - p H) + sum k_i J_i. Fits with a negative part are left out.
+    """
+    part = model.parts[0]
+    taus = np.array([model.unit])
+    if part != "abel":
+        ends = -measured.log_rates.max() - 1, -measured.log_rates.min() + 1
+        taus = np.exp(np.linspace(*ends, _TIMES))
+    shapes = start_shapes(part, _ALPHAS, taus, measured.along)
+    size = np.abs(measured.target[: x.size] + 1j * measured.target[x.size :])
+    found: list[tuple[float, FloatArray]] = []
+    for places in slips:
+        springs = [_jenkins(x, 1.0, math.exp(place)) for place in places]
+        fixed = np.array([np.ones(x.size), *springs], dtype=complex)
+        for (i, j), shape in zip(
+            np.ndindex(shapes.shape[:2]), shapes.reshape(-1, x.size), strict=True
+        ):
+            rows = np.vstack([fixed, -shape]) / size
+            rows = np.concatenate([rows.real, rows.imag], axis=1).T
+            target = measured.target / np.tile(size, 2)
+            parts, *_ = np.linalg.lstsq(rows, target, rcond=None)
+            if parts.min() <= _LEAST * parts.max() or (model.bounded and parts[-1] >= parts[0]):
+                continue
+            alpha, tau, share = np.array([_ALPHAS[i]]), taus[[j]], parts[[-1]] / parts[0]
+            theta = model.join(float(parts[0]), alpha, tau, share)
+            left = target - rows @ parts
+            found.append((float(left @ left), np.concatenate([theta, np.log(parts[1:-1]), places])))
+    found.sort(key=lambda one: one[0])
+    return [one for _, one in found[:_BEST]]
 
 
 def _amplitude_result(

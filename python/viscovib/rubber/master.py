@@ -214,7 +214,7 @@ def master_curve(
             turn @ superpose(flat, ties, vertical == "free", knots)[0] for knots in _OTHER_KNOTS
         ]
         spread = np.hypot(spread, np.ptp([own, *others], axis=0) / 2)
-        spread = np.hypot(spread, flatness(flat, ties, turn, scatter_of(flat, own)))
+        spread = np.hypot(spread, flatness(flat, turn, scatter_of(flat, own)))
     if factors is not None:
         given = _given(factors, curves.temperatures)
         _compare(flat, given, own)

@@ -10,6 +10,8 @@ from viscovib.errors import InputError
 
 #: Decades between knots of the spline, its penalty, and steps at most.
 KNOTS, _PENALTY, _STEPS = 0.5, 3e-4, 60
+#: A slope is taken to be so much of its standard deviation at least.
+_KNOWN = 0.3
 
 
 @dataclass(frozen=True)
@@ -58,15 +60,22 @@ def neighbours(curves: Curves) -> Ties:
     return Ties(-shifts, slopes)
 
 
-def flatness(curves: Curves, ties: Ties, turn: FloatArray, scatter: float) -> FloatArray:
+def flatness(curves: Curves, turn: FloatArray, scatter: float) -> FloatArray:
     """What scatter leaves open between neighbours, where the flatter of both says little.
 
     A level is known to scatter/sqrt(rows), a shift to that over the slope; from set to set it
-    adds up.
+    adds up. The slope is that of a straight line through a set, less its standard deviation: a set
+    that hardly rises has a slope made of scatter, which knows no shift.
     """
-    rows = np.bincount(curves.owner)
+    sets = [curves.owner == i for i in range(curves.temperatures.size)]
+    rows = np.array([own.sum() for own in sets])
+    slopes = np.empty(rows.size)
+    for i, own in enumerate(sets):
+        x = curves.x[own] - curves.x[own].mean()
+        doubt = scatter / np.linalg.norm(x)
+        slopes[i] = max(curves.y[0][own] @ x / (x @ x) - doubt, _KNOWN * doubt, 1e-6)
     known = np.sqrt(np.minimum(rows[1:], rows[:-1]))
-    pairs = scatter / np.maximum(ties.slopes, 1e-6) / known
+    pairs = scatter / np.minimum(slopes[1:], slopes[:-1]) / known
     steps = np.tril(np.ones((rows.size, rows.size - 1)), -1) * pairs
     return np.asarray(np.sqrt(((turn @ steps) ** 2).sum(axis=1)))
 
