@@ -100,7 +100,8 @@ contains
       if (present(cancel)) then
         if (is_set(cancel)) return
       end if
-      call correct(curve, corrector, here, step, next, made, .false.)
+      ! Exactly: a tangent by factors from elsewhere may see the summit before it is there.
+      call correct(curve, corrector, here, step, next, made, .true.)
       if (made) then
         angle = angle_between(corrector, here, next)
         if (angle > largest_angle) made = .false.
