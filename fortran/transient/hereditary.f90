@@ -262,7 +262,10 @@ contains
         call self%history%store(self%g)
       end if
     end associate
-    if (self%panel > 0) self%start%points(:, :, self%panel) = self%points
+    if (self%panel > 0) then
+      self%start%begins(:, self%panel) = self%points(0, :)
+      self%start%rises(:, :, self%panel) = rises_of(self)
+    end if
     call self%clock%advance(until)
     self%rolling = .true.
   end subroutine plain_step
@@ -293,8 +296,9 @@ contains
     self%start%table = self%table
     if (allocated(self%start%ends)) deallocate (self%start%ends)
     allocate (self%start%ends, source=ends)
-    if (allocated(self%start%points)) deallocate (self%start%points)
-    allocate (self%start%points(0:self%table%s + 1, size(self%u), size(ends) - 1))
+    if (allocated(self%start%rises)) deallocate (self%start%begins, self%start%rises)
+    allocate (self%start%begins(size(self%u), size(ends) - 1))
+    allocate (self%start%rises(self%table%s + 1, size(self%u), size(ends) - 1))
   end subroutine begin_panels
 
   !> Largest last Legendre coefficient of a displacement, relative to its largest value.
@@ -330,6 +334,8 @@ contains
     if (.not. made) return
     self%u = panels%u
     self%v = panels%v
+    call move_alloc(panels%begins, self%start%begins)
+    call move_alloc(panels%rises, self%start%rises)
     call self%history%begin(self%start%table, self%start%past)
     call self%clock%advance(self%h)
     call self%stand_still(system)
@@ -365,13 +371,26 @@ contains
     !> In [0, 1], 1 at the end of the last step.
     real(wp), intent(in) :: theta
     real(wp), intent(out) :: u(:), v(:)
+    real(wp), dimension(size(self%table%points)) :: basis, slopes
+    real(wp) :: rises(size(self%table%points) - 1, size(self%u))
     if (self%rolling .or. .not. allocated(self%start%ends)) then
-      u = matmul(self%table%basis(theta), self%points)
-      v = matmul(self%table%slopes(theta), self%points)/self%h
+      basis = self%table%basis(theta)
+      slopes = self%table%slopes(theta)
+      rises = rises_of(self)
+      u = self%points(0, :) + matmul(basis(2:), rises)
+      v = matmul(slopes(2:), rises)/self%h
     else
       call self%start%at(theta*self%h, u, v)
     end if
   end subroutine inside
+
+  !> How far coordinates have moved from the start of the last step at its other points, shape
+  !! (s+1, n_dof): what they are at both is too near to each other for velocities on short steps.
+  pure function rises_of(self) result(rises)
+    class(hereditary_type), intent(in) :: self
+    real(wp) :: rises(self%table%s + 1, size(self%u))
+    rises = reshape(self%equations%x(:size(rises)), shape(rises))
+  end function rises_of
 
   subroutine sharpen(self)
     class(hereditary_type), intent(inout) :: self

@@ -5,22 +5,18 @@ module viscovib_hereditary_run
   use viscovib_hereditary_stops, only: hereditary_past, stop_hereditary
   use viscovib_kinds, only: i8, wp
   use viscovib_march, only: march_type
+  use viscovib_march_events, only: look_inside
   use viscovib_mesh, only: equal_steps, mesh_type
   use viscovib_oscillator, only: oscillator_type
-  use viscovib_quadrature, only: gauss_nodes
-  use viscovib_simulate, only: run_coarse, run_completed, run_event, run_stopped
-  use viscovib_step_path, only: new_path, step_path
+  use viscovib_simulate, only: run_coarse, run_completed, run_stopped
   use viscovib_stopping, only: stop_wanted
   use viscovib_subnormals, only: flushing_type
   use viscovib_time_load, only: time_load_type
-  use viscovib_watch, only: passage_type, watch_type
+  use viscovib_watch, only: watch_type
   implicit none
   private
 
   public :: run_hereditary
-
-  !> Places inside a step at which its polynomial is asked for events.
-  integer, parameter :: n_inside = 10
 
 contains
 
@@ -124,52 +120,6 @@ contains
     end do
     t_reached = now
   end subroutine run_hereditary
-
-  !> Look for events in the last step; one that ends the run sets the outcome and its time.
-  subroutine look_inside(run, base, watch, from, now, t_reached, outcome)
-    class(march_type), intent(inout) :: run
-    type(base_motion_type), intent(inout) :: base
-    type(watch_type), intent(inout) :: watch
-    real(wp), intent(in) :: from, now
-    real(wp), intent(inout) :: t_reached
-    integer, intent(inout) :: outcome
-    real(wp) :: u(run%n_observed()), v(run%n_observed()), nodes(n_inside), weights(n_inside)
-    type(step_path) :: path
-    type(passage_type), allocatable :: found(:)
-    integer :: i
-
-    if (size(watch%signals) == 0) return
-    call gauss_nodes(n_inside, nodes, weights)
-    call new_path(path, [0.0_wp, nodes, 1.0_wp])
-    path%start = from
-    path%h = now - from
-    allocate (path%q(n_inside + 2, size(u)), path%v(n_inside + 2, size(u)))
-    do i = 1, n_inside + 2
-      call state_at(path%points(i))
-      path%q(i, :) = u
-      path%v(i, :) = v
-    end do
-    call watch%look(path, .false., found)
-    do i = 1, size(found)
-      call state_at(found(i)%place)
-      t_reached = from + found(i)%place*path%h
-      call watch%keep(found(i)%which, t_reached, u, v)
-      if (watch%terminal(found(i)%which)) outcome = run_event
-    end do
-
-  contains
-
-    subroutine state_at(place)
-      real(wp), intent(in) :: place
-      if (place < 1.0_wp) then
-        call run%inside(place, u, v)
-      else
-        call run%observe(u, v)
-      end if
-      call base%add_to(from + place*path%h, u, v)
-    end subroutine state_at
-
-  end subroutine look_inside
 
   !> Keep the state where a run begins at the wanted times until then.
   subroutine keep_present(run, base, times, now, at_times, n_reached)

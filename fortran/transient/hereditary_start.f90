@@ -36,9 +36,12 @@ module viscovib_hereditary_start
     type(collocation_type) :: table
     !> What the rest of the run must know.
     type(past_type) :: past
-    !> Ends of the panels, shape (0:n), and displacements at the points of each,
-    !! shape (0:s+1, n_dof, n).
-    real(wp), allocatable :: ends(:), points(:, :, :)
+    !> Ends of the panels, shape (0:n).
+    real(wp), allocatable :: ends(:)
+    !> Displacements where each panel begins, shape (n_dof, n), and how far they have moved from
+    !! there at its other points, shape (s+1, n_dof, n): on a panel of 1e-13 of a step they
+    !! themselves are the same to rounding, and tell no velocity.
+    real(wp), allocatable :: begins(:, :), rises(:, :, :)
   contains
     procedure :: at
   end type start_type
@@ -53,6 +56,9 @@ module viscovib_hereditary_start
   type, extends(panel_maker) :: direct_panels
     !> State, shape (n_dof).
     real(wp), allocatable :: u(:), v(:)
+    !> The panels made, as `start_type` keeps them.
+    integer :: n_made = 0
+    real(wp), allocatable :: begins(:, :), rises(:, :, :)
   contains
     procedure :: make => make_panel
   end type direct_panels
@@ -111,7 +117,6 @@ contains
     factors = lagrange_factors(x)
     call new_collocation(start%table, nodes)
     allocate (start%ends(0:doublings + 1))
-    allocate (start%points(0:nodes + 1, system%n_dof(), doublings + 1))
     start%ends(0) = 0.0_wp
     do k = 1, doublings + 1
       start%ends(k) = scale(h, k - 1 - doublings)
@@ -141,7 +146,6 @@ contains
       call panels%make(system, channels, load, start%table, local(:, :, :, k), &
                        start%ends(k - 1), length, remembered, points, g, made)
       if (.not. made) return
-      start%points(:, :, k) = points
       if (k > 1) call carry(start%table, k == 2, start%ends(k - 1) - start%ends(k - 2), before, x, &
                             factors, masses)
       before = g
@@ -242,6 +246,7 @@ contains
     real(wp), intent(out) :: points(0:table%s + 1, size(system%gather, 2)), g(0:, :)
     logical, intent(out) :: made
     real(wp), dimension(table%s, size(self%u)) :: a, new, f, speed, force
+    real(wp) :: rise(table%s + 1, size(self%u))
     real(wp) :: mass(size(self%u), size(self%u)), inner(table%s, size(self%u))
     real(wp) :: w(0:table%s + 1, system%n_memory()), bend(table%s + 2, system%n_memory())
     real(wp) :: whole(table%s, size(channels%kernel_of)), kept(table%s, system%n_memory())
@@ -267,9 +272,9 @@ contains
     bend = 0.0_wp
     do turn = 1, max_iterations
       do k = 1, n
+        rise(:, k) = length*(table%points(1:)*self%v(k) + length*matmul(table%a2, a(:, k)))
         points(0, k) = self%u(k)
-        points(1:, k) = self%u(k) + length*(table%points(1:)*self%v(k) &
-                                            + length*matmul(table%a2, a(:, k)))
+        points(1:, k) = self%u(k) + rise(:, k)
         speed(:, k) = self%v(k) + length*matmul(table%a1, a(:, k))
       end do
       seen(:, :n) = points
@@ -321,9 +326,23 @@ contains
       before = change
     end do
     if (.not. made) return
+    call keep_panel(self, rise)
     self%u = points(s + 1, :)
     self%v = self%v + length*matmul(table%b, a)
   end subroutine make_panel
+
+  !> Remember where a panel begins, and how far its other points are from there.
+  subroutine keep_panel(panels, rise)
+    class(direct_panels), intent(inout) :: panels
+    real(wp), intent(in) :: rise(:, :)
+    if (.not. allocated(panels%begins)) then
+      allocate (panels%begins(size(rise, 2), doublings + 1))
+      allocate (panels%rises(size(rise, 1), size(rise, 2), doublings + 1))
+    end if
+    panels%n_made = panels%n_made + 1
+    panels%begins(:, panels%n_made) = panels%u
+    panels%rises(:, :, panels%n_made) = rise
+  end subroutine keep_panel
 
   !> State at a time within the step.
   subroutine at(self, t, u, v)
@@ -335,15 +354,15 @@ contains
     integer :: k
 
     k = 1
-    do while (k < size(self%points, 3) .and. t > self%ends(k))
+    do while (k < size(self%rises, 3) .and. t > self%ends(k))
       k = k + 1
     end do
     length = self%ends(k) - self%ends(k - 1)
     theta = (t - self%ends(k - 1))/length
     basis = self%table%basis(theta)
     slopes = self%table%slopes(theta)
-    u = matmul(basis, self%points(:, :, k))
-    v = matmul(slopes, self%points(:, :, k))/length
+    u = self%begins(:, k) + matmul(basis(2:), self%rises(:, :, k))
+    v = matmul(slopes(2:), self%rises(:, :, k))/length
   end subroutine at
 
   !> 0, then powers of 2 that double, then h. `between`: 3/4 of such powers.

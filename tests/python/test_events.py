@@ -169,3 +169,63 @@ def test_events_of_a_mount_that_remembers():
         assert event.t.size == (ups | downs if event is run.events[0] else ups).sum()
     np.testing.assert_allclose(run(run.events[0].t)[:, 0], 0.01, atol=1e-13)
     np.testing.assert_allclose(run(run.events[1].t)[:, 3], 0.0, atol=1e-12)
+
+
+@pytest.mark.parametrize("structure", [False, True])
+def test_the_first_step_with_memory(structure):
+    """Velocities and passages inside the singular first step, as of small steps and of SciPy's.
+
+    Its panels double from 1e-13 of it on, where displacements hardly differ and tell no velocity.
+    """
+    memory = vv.PronyKernel(weights=[0.1], rates=[0.5])
+    if structure:
+        spring = vv.Spring(on="x1", stiffness=1, kernel=memory)
+        block = vv.Structure(mass=[1.0], stiffness=[0.0], damping=[0.05], elements=[spring])
+    else:
+        block = vv.PolynomialSystem(mass=1, stiffness=1, damping=0.05, kernel=memory)
+    name = "x1" if structure else "x"
+    times = np.r_[np.geomspace(1e-14, 0.5, 40), 1.0]
+
+    def rates(t, y):
+        return [y[1], y[2] - y[0] - 0.05 * y[1], 0.1 * y[0] - 0.5 * y[2]]
+
+    exact = solve_ivp(
+        rates, (0, 1), [1, 0.3, 0], "DOP853", t_eval=times, rtol=1e-13, atol=1e-15, max_step=0.05,
+        events=[lambda t, y: y[1], lambda t, y: y[0] - 1.001],
+    )  # fmt: skip
+    run = vv.simulate(
+        block, 1.0, initial=[1, 0.3], dt=0.5, times=times, tolerance=1e-13,
+        events=[f"{name}_dot", f"{name} - 1.001"],
+    )  # fmt: skip
+    np.testing.assert_allclose(run.state, exact.y[:2].T, atol=2e-12)
+    for event, expected in zip(run.events, exact.t_events, strict=True):
+        np.testing.assert_allclose(event.t, expected, atol=2e-12)
+
+
+@pytest.mark.parametrize("structure", [False, True])
+def test_passages_beside_a_singular_start(structure):
+    """A steep kernel: the same passage in a first step of 0.4 and of 0.01."""
+    steep = vv.RzhanitsynKernel(amplitude=0.1, alpha=0.15, beta=0.5)
+    if structure:
+        spring = vv.Spring(on="x1", stiffness=1, law="0.5*d^3", kernel=steep)
+        block = vv.Structure(mass=[1.0], stiffness=[0.0], elements=[spring])
+    else:
+        block = vv.PolynomialSystem(mass=1, stiffness=1, forces="0.5*x^3", kernel=steep)
+    events = [f"{'x1' if structure else 'x'} - 1.001"]
+    found = [
+        vv.simulate(block, 0.4, initial=[1, 0.05], dt=dt, memory="direct", events=events)
+        for dt in (0.4, 0.01)
+    ]
+    assert found[0].events[0].t.size >= 1
+    np.testing.assert_allclose(found[0].events[0].t, found[1].events[0].t, rtol=1e-10)
+
+
+@pytest.mark.parametrize("fast", [20.0, 200.0, 1000.0])
+def test_passages_of_a_structure_that_swings_many_times_in_a_step(fast):
+    """Its modes go on exactly in steps of many of their periods, and so do passages."""
+    plate = vv.Structure(
+        mass=[1, 1], stiffness=[[fast**2, 0], [0, 1]], elements=[vv.Spring(on="x2", law="0.1*d^3")]
+    )
+    run = vv.simulate(plate, 2.0, initial=[1, 0, 1, 0], dt=0.5, events=["x1"])
+    exact = (np.arange(int(2 * fast / np.pi + 0.5)) + 0.5) * np.pi / fast
+    np.testing.assert_allclose(run.events[0].t, exact, rtol=0, atol=1e-14 * fast)
