@@ -15,6 +15,8 @@ module viscovib_crossing_roots
   integer, parameter :: max_evaluations = 60, max_halvings = 12
   !> Wanted part of the distance between the two neighbours, and of a real part.
   real(wp), parameter :: narrow = 1.0e-11_wp, small = 1.0e-12_wp
+  !> Nodes told apart by counts alone end this close, where what crosses is this small.
+  real(wp), parameter :: near = 1.0e-9_wp, vanishing = 1.0e-5_wp
   !> How far off the real axis, or off i pi, an exponent on it may be.
   real(wp), parameter, public :: on_line = 1.0e-5_wp
   !> Between points this close the curve is straight to rounding.
@@ -37,13 +39,57 @@ contains
     logical, intent(out) :: located
     !> May be set from elsewhere to give up.
     integer, intent(inout), optional :: cancel
+    type(node_type) :: kept_lo, kept_hi
 
     if (spectrum%complete) then
       call bracket_by_size(curve, spectrum, chord, lo, hi, root, located, cancel)
     else
+      kept_lo = lo
+      kept_hi = hi
       call bracket_by_following(curve, spectrum, chord, lo, hi, root, located, cancel)
+      if (located .or. given_up(cancel)) return
+      ! Exponents may turn so fast that none is followed: their number still tells the place.
+      lo = kept_lo
+      hi = kept_hi
+      call bracket_by_count(curve, spectrum, chord, lo, hi, root, located, cancel)
     end if
   end subroutine bracket
+
+  !> The middle of nodes between which the number of those that grow changes, halved until they
+  !! are close.
+  subroutine bracket_by_count(curve, spectrum, chord, lo, hi, root, located, cancel)
+    class(curve_type), intent(inout) :: curve
+    class(spectrum_type), intent(inout) :: spectrum
+    type(chord_type), intent(in) :: chord
+    type(node_type), intent(inout) :: lo, hi
+    type(node_type), intent(out) :: root
+    logical, intent(out) :: located
+    integer, intent(inout), optional :: cancel
+    type(node_type) :: middle
+    integer :: k, place
+
+    located = .false.
+    do k = 1, max_evaluations
+      if (given_up(cancel)) return
+      if (hi%at%sigma - lo%at%sigma <= near) exit
+      call look_at(curve, spectrum, chord, 0.5_wp*(lo%at%sigma + hi%at%sigma), lo, hi, middle)
+      if (middle%n_growing < 0) then
+        call look_at(curve, spectrum, chord, lo%at%sigma + 0.37_wp*(hi%at%sigma - lo%at%sigma), &
+                     lo, hi, middle)
+      end if
+      if (middle%n_growing < 0) return
+      if (middle%n_growing == lo%n_growing) then
+        lo = middle
+      else
+        hi = middle
+      end if
+    end do
+    place = max(lo%n_growing, hi%n_growing)
+    call put_between(lo, hi, 0.5_wp*(lo%at%sigma + hi%at%sigma), root)
+    root%eta = merge(hi%eta, lo%eta, hi%n_growing == place)
+    root%eta(1) = root%eta(place)
+    located = abs(real(root%eta(1))) <= vanishing
+  end subroutine bracket_by_count
 
   subroutine bracket_by_size(curve, spectrum, chord, lo, hi, root, located, cancel)
     class(curve_type), intent(inout) :: curve

@@ -85,6 +85,7 @@ contains
     type(search_type) :: s
     real(wp) :: dip
     integer :: i, which
+    logical :: changes
 
     s%curve => curve
     s%spectrum => spectrum
@@ -102,18 +103,16 @@ contains
       if (given_up(cancel)) exit
       if (minval(n_growing(i:i + 1)) < 0) cycle
       s%i = i
-      which = 0
-      if (.not. something_changes(s)) then
-        call find_dip(s%tests, p, x, i, which, dip)
-        if (which == 0) cycle
-      end if
+      call find_dip(s%tests, p, x, i, which, dip)
+      changes = something_changes(s)
+      if (which == 0 .and. .not. changes) cycle
       call new_chord(s%chord, curve, p(i:i + 1), x(:, i:i + 1))
       call put_node(s, 0.0_wp, i, s%first)
       call put_node(s, 1.0_wp, i + 1, s%last)
-      if (which > 0) then
-        call dive(s, s%first, s%last, which, dip, cancel)
+      if (changes) then
+        call explain_all(s, which, dip, cancel)
       else
-        call explain_all(s, cancel)
+        call dive(s, s%first, s%last, which, dip, cancel)
       end if
     end do
     call give_folds(s)
@@ -131,16 +130,20 @@ contains
     end if
   end function something_changes
 
-  !> What changes between the neighbours: known places split the way.
-  subroutine explain_all(s, cancel)
+  !> What changes between the neighbours: known places split the way. Beside them two more may lie
+  !! where a test dips.
+  subroutine explain_all(s, which, dip, cancel)
     type(search_type), intent(inout) :: s
+    !> As of find_dip.
+    integer, intent(in) :: which
+    real(wp), intent(in) :: dip
     integer, intent(inout), optional :: cancel
     type(node_type) :: left, lower, upper
     logical :: told
     integer :: k
 
     call gather(s)
-    if (alone(s)) then
+    if (which == 0 .and. alone(s)) then
       call append(s, s%place_kinds(1), s%place_p(1), s%place_x(:, 1))
       return
     end if
@@ -148,11 +151,24 @@ contains
     do k = 1, size(s%places)
       call look_around(s, k, left, lower, upper, told)
       if (.not. told) cycle
-      call explain(s, left, lower, 0, cancel)
+      call explain_part(left, lower)
       call append(s, s%place_kinds(k), s%place_p(k), s%place_x(:, k))
       left = upper
     end do
-    call explain(s, left, s%last, 0, cancel)
+    call explain_part(left, s%last)
+
+  contains
+
+    subroutine explain_part(a, b)
+      type(node_type), intent(in) :: a, b
+      if (a%n_growing == b%n_growing .and. which > 0 .and. dip > a%at%sigma &
+          .and. dip < b%at%sigma) then
+        call dive(s, a, b, which, dip, cancel)
+      else
+        call explain(s, a, b, 0, cancel)
+      end if
+    end subroutine explain_part
+
   end subroutine explain_all
 
   !> With few orders exponents vanish a little before or behind where p turns back: a fold that

@@ -98,3 +98,47 @@ def test_pairs_of_condensed_systems_with_memory_have_places(index):
     assert any("Neimark-Sacker" in claim.what for claim in claims)
     for claim in claims:
         assert claim.ratio() <= claim.limit, str(claim)
+
+
+def _crossings(system, nu, load, **options):
+    branch = vv.trace_response(system, nu, load={1: load}, harmonics=13, symmetric=True, **options)
+    return [(c.kind, c.parameter) for c in branch.crossings]
+
+
+def test_a_pair_of_crossings_beside_a_fold_is_found():
+    """Two symmetry breakings and the fold between them lie in one step."""
+    system = vv.PolynomialSystem(
+        mass=[1.8, 1.12], damping=[[0.030206, -0.01947], [-0.01947, 0.03344]],
+        stiffness=[[2.746, -1.77], [-1.77, 3.04]],
+        forces=[vv.Monomial(coefficient=0.587, powers=(0, 3), on=1)],
+    )  # fmt: skip
+    found = _crossings(system, (0.4298, 1.461), [0.82, 0.0])
+    fine = _crossings(system, (0.4298, 1.461), [0.82, 0.0], max_step=0.02, max_points=4000)
+    assert [kind for kind, _ in found] == [kind for kind, _ in fine]
+    assert [kind for kind, _ in found].count("symmetry breaking") == 2
+    assert [p for _, p in found] == pytest.approx([p for _, p in fine], rel=1e-9)
+
+
+def test_exponents_that_turn_fast_have_a_place_too():
+    """None could be followed between two points; their number tells the place."""
+    modes = np.array([
+        [0.766899, -0.172606, 0.452802, -0.311555, -0.570422],
+        [-0.172606, 1.058112, -0.274281, 0.526452, -0.124451],
+        [0.452802, -0.274281, 1.21967, -0.023766, -0.263841],
+        [-0.311555, 0.526452, -0.023766, 1.653747, 0.949518],
+        [-0.570422, -0.124451, -0.263841, 0.949518, 1.843256],
+    ])  # fmt: skip
+    spring = np.zeros((5, 5))
+    spring[1, 1] = 0.741
+    system = vv.PolynomialSystem(
+        mass=[1.409, 0.813, 1.591, 0.924, 1.112], damping=0.043 * modes, stiffness=modes,
+        forces=[vv.Monomial(coefficient=0.571, powers=(0, 2, 0, 0, 0), on=1)],
+        springs=[
+            vv.Springs(stiffness=spring, kernel=vv.PronyKernel(weights=[0.521], rates=[2.39]))
+        ],
+    )  # fmt: skip
+    load = [0.64, 0.0, 0.0, 0.0, 0.0]
+    found = _crossings(system, (0.2603, 0.885), load, max_points=600)
+    fine = _crossings(system, (0.2603, 0.885), load, max_step=0.02, max_points=4000)
+    assert [kind for kind, _ in found] == [kind for kind, _ in fine]
+    assert [p for _, p in found] == pytest.approx([p for _, p in fine], rel=1e-8)
