@@ -143,7 +143,7 @@ def _three_resonances():
     _section("6. Three loads at once, each near its mode")
     pend = vv.Pendulum(**DAMPED, f0=0.001, m01=0.0004, m02=0.002, p1=1.03, p2=0.375, p3=1.08)
     ms = vv.MultipleScales(pend)
-    response = ms.response("p2", np.linspace(0.36, 0.39, 31))
+    response = ms.response("p2", np.linspace(0.36, 0.39, 7))
     counts = np.bincount(response.index)
     print("steady motions at each value of p2:", counts)
     print("of them stable:", np.bincount(response.index, response.stable).astype(int))

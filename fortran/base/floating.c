@@ -26,7 +26,10 @@ double viscovib_gamma(double x) { return (double)wide_gamma((wide)x); }
 
 /* frequency time less whole turns, in [0, 2 pi), in two parts. */
 void viscovib_split_phase(double frequency, double time, double *high, double *low) {
-  wide exact = wide_fmod((wide)frequency * (wide)time, wide_turn);
+  wide exact;
+  *high = *low = 0.0;
+  if (frequency == 0.0 || time == 0.0) return;
+  exact = wide_fmod((wide)frequency * (wide)time, wide_turn);
   if (exact < 0) exact += wide_turn;
   *high = (double)exact;
   *low = (double)(exact - (wide)*high);

@@ -37,6 +37,7 @@ module viscovib_explicit
     !> Where in it the first column begins.
     integer, private :: first = 1
   contains
+    procedure :: begin_again
     procedure :: step
     procedure :: get_state
     procedure :: change_steps
@@ -65,7 +66,7 @@ contains
     !> Shape (n_lanes, n_dof, n_blocks).
     real(wp), intent(in) :: q(:, :), v(:, :)
     real(wp), intent(in) :: start, h(n_lanes)
-    integer :: i, n
+    integer :: n
 
     call new_explicit_table(method%table, which)
     method%n_dof = n_dof
@@ -76,12 +77,23 @@ contains
     method%first = first_aligned(method%room)
     allocate (method%high(n_lanes, n), method%low(n_lanes, n))
     allocate (method%step_high(n_lanes, n), method%step_low(n_lanes, n))
-    call split_phase(frequencies, start, method%high, method%low)
-    do i = 1, n_lanes
-      call method%set_lane(i, q(i, :), v(i, :))
-    end do
-    call method%change_steps(frequencies, h)
+    call method%begin_again(frequencies, q, v, start, h)
   end subroutine new_explicit
+
+  !> Start anew as `new_explicit` does, without making the table again, which takes the time of
+  !! some steps.
+  subroutine begin_again(self, frequencies, q, v, start, h)
+    class(explicit_type), intent(inout) :: self
+    real(wp), intent(in) :: frequencies(:, :), q(:, :), v(:, :), start, h(n_lanes)
+    integer :: i
+
+    self%since = 0.0_wp
+    call split_phase(frequencies, start, self%high, self%low)
+    do i = 1, n_lanes
+      call self%set_lane(i, q(i, :), v(i, :))
+    end do
+    call self%change_steps(frequencies, h)
+  end subroutine begin_again
 
   !> Go on with other steps.
   subroutine change_steps(self, frequencies, h)
@@ -106,14 +118,22 @@ contains
     type(room_plan), intent(in) :: plan
     real(wp), intent(in) :: frequencies(:, :), h(n_lanes)
     real(wp), intent(inout) :: room(n_lanes, plan%n_columns)
-    integer :: i, j, column
+    real(wp) :: angle
+    integer :: i, j, k, column
 
     room(:, plan%h) = h
     do i = 1, table%n_stages
       do j = 1, size(frequencies, 2)
         column = size(frequencies, 2)*(i - 1) + j - 1
-        room(:, plan%stage_cosine + column) = cos(frequencies(:, j)*(h*table%c(i)))
-        room(:, plan%stage_sine + column) = sin(frequencies(:, j)*(h*table%c(i)))
+        room(:, plan%stage_cosine + column) = 1.0_wp
+        room(:, plan%stage_sine + column) = 0.0_wp
+        do k = 1, n_lanes
+          angle = frequencies(k, j)*(h(k)*table%c(i))
+          ! Lanes that stand still, and loads that do: most where one motion is followed.
+          if (angle == 0.0_wp) cycle
+          room(k, plan%stage_cosine + column) = cos(angle)
+          room(k, plan%stage_sine + column) = sin(angle)
+        end do
       end do
     end do
   end subroutine furnish

@@ -92,6 +92,7 @@ contains
     real(wp), intent(in) :: q(:), v(:), start, h
     type(stop_type), intent(out) :: stop
     type(scout_type) :: begin
+    type(explicit_type) :: method
     logical :: halting(size(ieee_all))
 
     ! One by one: the constructor of gfortran 12 copies arrays with strides wrongly.
@@ -104,14 +105,17 @@ contains
     ! Steps that are too large may overflow, which is how they are known.
     call ieee_get_halting_mode(ieee_all, halting)
     call ieee_set_halting_mode(ieee_all, .false.)
-    call march(system, begin, h, stop)
+    call new_explicit(method, system%n_dof, method_place, frequencies, spread(q, 1, n_lanes), &
+                      spread(v, 1, n_lanes), start, spread(0.0_wp, 1, n_lanes))
+    call march(system, method, begin, h, stop)
     call ieee_set_flag(ieee_all, .false.)
     call ieee_set_halting_mode(ieee_all, halting)
   end subroutine find_stop
 
   !> Small steps up to h or to the stop.
-  subroutine march(system, begin, h, stop)
+  subroutine march(system, method, begin, h, stop)
     class(driven_system_type), intent(in) :: system
+    type(explicit_type), intent(inout) :: method
     type(scout_type), intent(in) :: begin
     real(wp), intent(in) :: h
     type(stop_type), intent(out) :: stop
@@ -149,14 +153,14 @@ contains
       end if
       if (margin > near) n_far = n_far + 1
       if (.not. margin > near) n_near = n_near + 1
-      whole = stepped(system, at, s)
-      half = stepped(system, at, 0.5_wp*s)
-      double = stepped(system, half, 0.5_wp*s)
+      call step_from(system, method, at, s, whole)
+      call step_from(system, method, at, 0.5_wp*s, half)
+      call step_from(system, method, half, 0.5_wp*s, double)
       miss = apart(whole, double, h)
       if (.not. miss <= 1.0_wp) then
         s = s*max(0.2_wp, 0.9_wp*miss**(-1.0_wp/order))
       else if (leaves(system, whole)) then
-        call bisect(system, at, s, stop)
+        call bisect(system, method, at, s, stop)
         return
       else if (min(least_margin(system, at, half, 0.5_wp*s), &
                    least_margin(system, half, double, 0.5_wp*s)) <= 0.0_wp) then
@@ -174,8 +178,9 @@ contains
   end subroutine march
 
   !> The last state before a motion leaves within a step of length s that is resolved.
-  subroutine bisect(system, at, s, stop)
+  subroutine bisect(system, method, at, s, stop)
     class(driven_system_type), intent(in) :: system
+    type(explicit_type), intent(inout) :: method
     type(scout_type), intent(in) :: at
     real(wp), intent(in) :: s
     type(stop_type), intent(out) :: stop
@@ -186,12 +191,12 @@ contains
     low = 0.0_wp
     high = s
     inside = at
-    outside = stepped(system, at, s)
+    call step_from(system, method, at, s, outside)
     do
       middle = 0.5_wp*(low + high)
       if (middle <= low .or. middle >= high) exit
       if (high - low <= spacing(at%start + at%ahead + high)) exit
-      try = stepped(system, at, middle)
+      call step_from(system, method, at, middle, try)
       if (leaves(system, try)) then
         high = middle
         outside = try
@@ -209,11 +214,12 @@ contains
   end subroutine bisect
 
   !> The same trajectory a time s later.
-  type(scout_type) function stepped(system, at, s) result(next)
+  subroutine step_from(system, method, at, s, next)
     class(driven_system_type), intent(in) :: system
+    type(explicit_type), intent(inout) :: method
     type(scout_type), intent(in) :: at
     real(wp), intent(in) :: s
-    type(explicit_type) :: method
+    type(scout_type), intent(out) :: next
     real(wp), dimension(n_lanes, system%n_dof) :: q, v
     real(wp) :: h(n_lanes)
 
@@ -221,8 +227,7 @@ contains
     v = spread(at%v, 1, n_lanes)
     h = 0.0_wp
     h(at%lane) = s
-    call new_explicit(method, system%n_dof, method_place, at%frequencies, q, v, &
-                      at%start + at%ahead, h)
+    call method%begin_again(at%frequencies, q, v, at%start + at%ahead, h)
     if (allocated(system%quarters)) call method%turn_phases(system%quarters)
     if (system%timed) method%since = at%start - system%present_piece(1) + at%ahead
     call method%step(system)
@@ -231,7 +236,7 @@ contains
     next%ahead = at%ahead + s
     next%q = q(at%lane, :)
     next%v = v(at%lane, :)
-  end function stepped
+  end subroutine step_from
 
   !> By how much two ends of a step differ, 1: as much as they may; huge if one of them
   !! is no number.
