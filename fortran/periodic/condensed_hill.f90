@@ -20,12 +20,12 @@
 module viscovib_condensed_hill
   use viscovib_band_elimination, only: band_determinant
   use viscovib_compliance_band, only: compliance_band, new_band
+  use viscovib_condensed_modes, only: modal_rest
   use viscovib_condensed_poles, only: condensed_poles, gap, new_poles
   use viscovib_condensed_rows, only: fill_one, find_swings, measure_waves, retained_of, &
     strength, waves_of_rates
-  use viscovib_condensed_waves, only: fill_waves
+  use viscovib_condensed_waves, only: fill_waves, soften
   use viscovib_constants, only: pi
-  use viscovib_dense, only: invert
   use viscovib_harmonic_set, only: harmonic_set_type, new_harmonic_set
   use viscovib_hill_orders, only: fading_rate
   use viscovib_hill_relaxing, only: relaxing_points
@@ -48,8 +48,6 @@ module viscovib_condensed_hill
   integer, parameter :: few_unknowns = 120, many_unknowns = 240
   !> Parts of J so small beside the largest are left out.
   real(wp), parameter :: silent = 1.0e-11_wp
-  !> Waves of J so small beside the largest move no exponent much.
-  real(wp), parameter :: faint = 1.0e-3_wp
   !> Modes are nearly rigid bodies whose poles are nearer to 0, in d.
   real(wp), parameter :: nearly_rigid = 1.0e-3_wp
   !> Exponents of memory itself are no faster, in nu.
@@ -72,30 +70,35 @@ module viscovib_condensed_hill
     real(wp) :: line = 0.0_wp
     !> Poles nearer to 0 are those of rigid bodies (rad/s).
     real(wp), private :: nearness = 0.0_wp
-    integer, private :: n_dof = 0, highest = 0, n_orders = 0, reach = 0
+    !> Deflections, and how many orders J reaches.
+    integer :: n_dof = 0, reach = 0
+    integer, private :: highest = 0, n_orders = 0
     type(harmonic_set_type), private :: set
     type(compliance_band), private :: band
     !> Kernel of each group of variables, 0: none.
-    integer, allocatable, private :: kernel_of_group(:)
+    integer, allocatable :: kernel_of_group(:)
     !> J of each group, by the difference of orders, shape (n_dof, n_dof, -reach:reach, groups),
     !! and what it is less of hereditary ones, (n_dof, n_dof).
     complex(wp), allocatable, private :: local(:, :, :, :)
     real(wp), allocatable, private :: without(:, :)
     !> Deflections between which J is not constant, and the others.
     integer, allocatable, private :: swings(:), others(:)
+    !> Linear memory of the others in the modes of the rest.
+    type(modal_rest), private :: modes
     !> Norms of J_m, m = 1, ..., and how large a part it is of the largest J, whatever the units.
-    real(wp), allocatable, private :: sizes(:), parts(:)
+    real(wp), allocatable :: sizes(:), parts(:)
     complex(wp), allocatable, private :: waves(:)
     real(wp), allocatable, private :: u(:, :), slopes(:, :, :), re(:, :), im(:, :)
     !> As `local` what depends on rates, not allocated if nothing does.
-    complex(wp), allocatable, private :: by_rate(:, :, :, :)
+    complex(wp), allocatable :: by_rate(:, :, :, :)
   contains
     procedure :: along
     procedure :: determinant
-    procedure :: average
-    procedure :: moved_by_waves
+    procedure :: local_at
     procedure, private :: find_local
     procedure, private :: find_orders
+    procedure, private :: fill_swings
+    procedure, private :: strength_at
   end type condensed_hill
 
 contains
@@ -235,9 +238,9 @@ contains
   subroutine find_orders(self, system)
     class(condensed_hill), intent(inout) :: self
     class(structure_type), intent(in) :: system
-    complex(wp) :: h(1, self%n_dof, self%n_dof), s(1)
     real(wp) :: reached(0:max_unknowns), admitted, part
     integer :: b, i, m, n
+    logical :: prepared
 
     self%ready = self%poles%fastest <= max_unknowns*self%nu
     if (.not. self%ready) return
@@ -245,6 +248,7 @@ contains
     if (self%stride == 2 .and. mod(b, 2) == 0) b = b + 1
     reached = 1.0_wp
     i = 0
+    prepared = .false.
     do
       ! One below the lowest, so that orders are mirrored about d/2 too.
       self%n_orders = merge(b + 2, 2*b + 2, self%stride == 2)
@@ -254,11 +258,15 @@ contains
       associate (radius => (b + 3*self%stride)*self%nu)
         if (.not. self%band%serves(radius, self%nearness)) then
           call new_band(self%band, system%rest, radius, self%nearness)
+          prepared = .false.
         end if
       end associate
-      s = cmplx(0.0_wp, (b + 0.5_wp*self%stride)*self%nu, wp)
-      call self%band%evaluate(s, h)
-      part = strength(system, self%kernel_of_group, self%slopes, s(1), h(1, :, :))
+      if (.not. prepared) then
+        call self%modes%prepare(self%band, self%swings, self%others, &
+                                real(self%local(:, :, 0, :)), self%without)
+        prepared = .true.
+      end if
+      part = self%strength_at(system, cmplx(0.0_wp, (b + 0.5_wp*self%stride)*self%nu, wp))
       ! Order b + stride.
       i = i + 1
       reached(i) = 0.0_wp
@@ -280,6 +288,30 @@ contains
     allocate (self%re(n, n), self%im(n, n))
   end subroutine find_orders
 
+  !> How large H J is at s, or H' J where linear memory is eliminated in the modes.
+  real(wp) function strength_at(self, system, s) result(part)
+    class(condensed_hill), intent(in) :: self
+    class(structure_type), intent(in) :: system
+    complex(wp), intent(in) :: s
+    real(wp), dimension(1, size(self%swings), size(self%swings)) :: re, im, own_re, own_im
+    complex(wp) :: h(1, self%n_dof, self%n_dof), factor
+    integer :: a
+
+    factor = (0.0_wp, 0.0_wp)
+    if (self%modes%serves .and. .not. allocated(self%by_rate)) then
+      call self%modes%remaining([s], retained_of(system, self%kernel_of_group, [s]), re, im, &
+                                own_re, own_im, factor)
+    end if
+    if (abs(factor) > 0.0_wp) then
+      part = strength(system, self%kernel_of_group, self%slopes, s, &
+                      cmplx(re(1, :, :), im(1, :, :), wp), self%swings)
+    else
+      call self%band%evaluate([s], h)
+      part = strength(system, self%kernel_of_group, self%slopes, s, h(1, :, :), &
+                      [(a, a=1, self%n_dof)])
+    end if
+  end function strength_at
+
   !> F at lambda; not to be asked for on a cut of a kernel or at a pole of the rest.
   subroutine determinant(self, system, lambda, value, about_half)
     class(condensed_hill), intent(inout) :: self
@@ -295,26 +327,26 @@ contains
 
     p = self%n_orders - merge(0, 1, about_half)
     s(:p) = [(lambda + cmplx(0.0_wp, ((i - p)*self%stride + self%highest)*self%nu, wp), i=1, p)]
-    call self%band%evaluate(s(:p), h(:p, :, :))
     kept(:p, :) = retained_of(system, self%kernel_of_group, s(:p))
     ! Rigid bodies are near their poles at order 0, or -1 of odd ones.
     centre = p - (self%highest + merge(1, 0, self%stride == 2))/self%stride
     n = p*self%n_dof + size(self%band%rigid_squares)
     width = (self%reach + 1)*self%n_dof - 1 + size(self%band%rigid_squares)
     factor = (0.0_wp, 0.0_wp)
-    if (n > p .and. n == p*self%n_dof .and. size(self%others) > 0 &
-        .and. .not. allocated(self%by_rate)) then
-      call fill_waves(p, self%reach, self%swings, self%others, h(:p, :, :), kept(:p, :), &
-                      self%local, self%without, self%re, self%im, factor)
+    if (n > p .and. n == p*self%n_dof .and. .not. allocated(self%by_rate)) then
+      call self%fill_swings(s(:p), kept(:p, :), factor)
     end if
     if (abs(factor) > 0.0_wp) then
       n = p*size(self%swings)
       width = (self%reach + 1)*size(self%swings) - 1
-    else if (n == p .and. .not. allocated(self%by_rate)) then
-      call fill_one(p, self%reach, size(self%re, 1), h(:p, 1, 1), kept(:p, :), self%local, &
-                    ubound(self%local, 3), self%without(1, 1), self%re, self%im)
     else
-      call fill(self, p, centre, h, kept, s(centre))
+      call self%band%evaluate(s(:p), h(:p, :, :))
+      if (n == p .and. .not. allocated(self%by_rate)) then
+        call fill_one(p, self%reach, size(self%re, 1), h(:p, 1, 1), kept(:p, :), self%local, &
+                      ubound(self%local, 3), self%without(1, 1), self%re, self%im)
+      else
+        call fill(self, p, centre, h, kept, s(centre))
+      end if
     end if
     call band_determinant(n, size(self%re, 1), max(min(n - 1, width), 0), self%re, self%im, value)
     if (abs(factor) > 0.0_wp) value = value*factor
@@ -323,6 +355,30 @@ contains
     end do
     value = value*self%poles%rigid_factor(s(centre), self%period)
   end subroutine determinant
+
+  !> I + J H' over the deflections that swing.
+  subroutine fill_swings(self, s, kept, factor)
+    class(condensed_hill), intent(inout) :: self
+    complex(wp), intent(in) :: s(:), kept(:, :)
+    !> What its determinant lacks; 0: not to be had so.
+    complex(wp), intent(out) :: factor
+    real(wp), dimension(size(s), size(self%swings), size(self%swings)) :: soft_re, soft_im
+    real(wp), dimension(size(s), size(self%swings), size(self%swings)) :: own_re, own_im
+    complex(wp) :: h(size(s), self%n_dof, self%n_dof)
+
+    factor = (0.0_wp, 0.0_wp)
+    if (self%modes%serves) then
+      call self%modes%remaining(s, kept, soft_re, soft_im, own_re, own_im, factor)
+    end if
+    if (.not. abs(factor) > 0.0_wp .and. size(self%others) > 0) then
+      call self%band%evaluate(s, h)
+      call soften(h, kept, real(self%local(:, :, 0, :)), self%without, self%swings, self%others, &
+                  soft_re, soft_im, own_re, own_im, factor)
+    end if
+    if (.not. abs(factor) > 0.0_wp) return
+    call fill_waves(size(s), self%reach, size(self%re, 1), self%swings, kept, self%local, soft_re, &
+                    soft_im, own_re, own_im, self%re, self%im)
+  end subroutine fill_swings
 
   !> I + H J, order by order; behind the order of the rigid bodies one row and column for each.
   subroutine fill(self, p, centre, h, kept, s)
@@ -340,7 +396,7 @@ contains
       column = (l - 1)*n + merge(extra, 0, l > centre)
       do i = max(1, l - self%reach), min(p, l + self%reach)
         row = (i - 1)*n + merge(extra, 0, i > centre)
-        block = local_at(self, i, l, kept(i, :), &
+        block = self%local_at(i, l, kept(i, :), &
                          s + cmplx(0.0_wp, (l - centre)*self%stride*self%nu, wp))
         do c = 1, n
           do a = 1, n
@@ -394,7 +450,7 @@ contains
     row = (i - 1)*n + merge(extra, 0, i > centre)
     do l = max(1, i - self%reach), min(p, i + self%reach)
       column = (l - 1)*n + merge(extra, 0, l > centre)
-      block = matmul(h, local_at(self, i, l, kept(i, :), &
+      block = matmul(h, self%local_at(i, l, kept(i, :), &
                                  s + cmplx(0.0_wp, (l - i)*self%stride*self%nu, wp)))
       self%re(row + 1:row + n, column + 1:column + n) = &
         self%re(row + 1:row + n, column + 1:column + n) + real(block)
@@ -402,83 +458,5 @@ contains
         self%im(row + 1:row + n, column + 1:column + n) + aimag(block)
     end do
   end subroutine add_rigid
-
-  !> I + H J_0 at s, J_0 the mean along the motion, and H.
-  subroutine mean_system(self, system, s, matrix, h)
-    class(condensed_hill), intent(in) :: self
-    class(structure_type), intent(in) :: system
-    complex(wp), intent(in) :: s
-    complex(wp), intent(out) :: matrix(:, :), h(:, :)
-    complex(wp) :: kept(1, size(self%kernel_of_group))
-    integer :: a
-
-    kept = retained_of(system, self%kernel_of_group, [s])
-    call system%rest%evaluate(s, h)
-    matrix = matmul(h, local_at(self, 0, 0, kept(1, :), s))
-    do a = 1, self%n_dof
-      matrix(a, a) = matrix(a, a) + 1.0_wp
-    end do
-  end subroutine mean_system
-
-  !> det(I + H J_0) at s: exponents of the mean system are zeros.
-  subroutine average(self, system, s, value)
-    class(condensed_hill), intent(in) :: self
-    class(structure_type), intent(in) :: system
-    complex(wp), intent(in) :: s
-    complex(wp), intent(out) :: value
-    complex(wp), dimension(self%n_dof, self%n_dof) :: matrix, h
-    real(wp), dimension(self%n_dof, self%n_dof) :: re, im
-
-    call mean_system(self, system, s, matrix, h)
-    re = real(matrix)
-    im = aimag(matrix)
-    call band_determinant(self%n_dof, self%n_dof, self%n_dof - 1, re, im, value)
-  end subroutine average
-
-  !> By how much, about, J - J_0 moves an exponent s of the mean system: through its neighbours at
-  !! s + i m d, R sum_m |J_m|^2 |H_J(s + i m d)| with R/(s' - s) the part of
-  !! H_J = (I + H J_0)^-1 H near s.
-  subroutine moved_by_waves(self, system, s, distance, moved)
-    class(condensed_hill), intent(in) :: self
-    class(structure_type), intent(in) :: system
-    complex(wp), intent(in) :: s
-    !> Not to be told from s.
-    real(wp), intent(in) :: distance
-    real(wp), intent(out) :: moved
-    real(wp) :: next, both, size_of
-    integer :: m
-
-    moved = 0.0_wp
-    do m = 1, self%reach
-      if (self%parts(m) <= faint) cycle
-      both = 0.0_wp
-      call add(s + cmplx(0.0_wp, m*self%period, wp))
-      call add(s - cmplx(0.0_wp, m*self%period, wp))
-      ! Strong waves come back more than once.
-      size_of = self%sizes(m)
-      if (allocated(self%by_rate)) then
-        size_of = size_of + (abs(s) + m*self%period) &
-                  *maxval(sum(abs(sum(self%by_rate(:, :, m, :), 3)), 2))
-      end if
-      next = size_of*both
-      moved = moved + size_of*next*(1.0_wp + next)
-    end do
-    both = 0.0_wp
-    call add(s + distance)
-    moved = moved*both*distance
-
-  contains
-
-    subroutine add(at)
-      complex(wp), intent(in) :: at
-      complex(wp), dimension(self%n_dof, self%n_dof) :: matrix, h, inverse
-      logical :: singular
-      call mean_system(self, system, at, matrix, h)
-      call invert(matrix, inverse, singular)
-      if (singular) both = huge(1.0_wp)**0.25_wp
-      if (.not. singular) both = both + maxval(sum(abs(matmul(inverse, h)), 2))
-    end subroutine add
-
-  end subroutine moved_by_waves
 
 end module viscovib_condensed_hill

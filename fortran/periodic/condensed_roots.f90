@@ -8,8 +8,9 @@
 !! exponent as it was there.
 module viscovib_condensed_roots
   use viscovib_condensed_hill, only: condensed_hill
-  use viscovib_condensed_poles, only: gap, into_strip, place_of
-  use viscovib_constants, only: pi
+  use viscovib_condensed_mean, only: average, moved_by_waves
+  use viscovib_condensed_poles, only: place_of
+  use viscovib_condensed_secant, only: first_step, folded, local_shape, secant
   use viscovib_kinds, only: wp
   use viscovib_structure, only: structure_type
   implicit none
@@ -17,14 +18,9 @@ module viscovib_condensed_roots
 
   public :: condensed_zeros, exponent_near, new_zeros
 
-  integer, parameter :: max_iterations = 30, max_mean_iterations = 8
-  !> In units of d: range of Re lambda, longest step, last step wanted and least, also of an
-  !! exponent that is followed, distance from a line of symmetry that counts as on it, step to
-  !! begin with, distance of zeros that are the same.
-  real(wp), parameter :: leftmost = -1.5_wp, rightmost = 45.0_wp, longest = 0.2_wp
-  real(wp), parameter :: last_step = 1.0e-7_wp, small_step = 1.0e-10_wp, smallest_step = 1.0e-12_wp
-  real(wp), parameter :: on_line = 1.0e-8_wp, first_step = 1.0e-4_wp
-  real(wp), parameter :: same = 1.0e-8_wp
+  integer, parameter :: max_mean_iterations = 8
+  !> In units of d: last step of an exponent, and of one that is followed.
+  real(wp), parameter :: small_step = 1.0e-10_wp, smallest_step = 1.0e-12_wp
   !> How far an offset may be extrapolated, in d, and frequencies that are one for that.
   real(wp), parameter :: furthest = 0.02_wp, near = 1.0e-8_wp
   !> Of the distance from the axis: how far from their mean exponents zeros may be.
@@ -50,12 +46,17 @@ module viscovib_condensed_roots
     !> Frequency of each offset, and how fast it changed with that.
     real(wp), allocatable, private :: nu(:)
     complex(wp), allocatable, private :: slope(:)
+    !> Of each pole, and of the other zero of a pair that has met on a line of symmetry and parted;
+    !! amid the two, beside the mean exponent, in d.
+    type(local_shape), allocatable, private :: shape_at(:), shape_beside(:)
+    real(wp), allocatable, private :: amid(:)
   contains
     procedure :: approximate
     procedure :: sharpen
     procedure :: search
     procedure :: all_of
     procedure :: n_right
+    procedure, private :: find_beside
     procedure, private :: put
   end type condensed_zeros
 
@@ -71,6 +72,8 @@ contains
     allocate (zeros%known(size(hill%poles%pole)), source=.false.)
     allocate (zeros%nu(size(hill%poles%pole)), source=0.0_wp)
     zeros%slope = (0.0_wp, 0.0_wp)
+    allocate (zeros%shape_at(size(zeros%slope)), zeros%shape_beside(size(zeros%slope)))
+    allocate (zeros%amid(size(zeros%slope)), source=0.0_wp)
   end subroutine new_zeros
 
   !> A zero for each pole that was multiplied out.
@@ -143,7 +146,7 @@ contains
       complex(wp), intent(in) :: s
       complex(wp), intent(out) :: value
       integer :: j
-      call hill%average(system, s, value)
+      call average(hill, system, s, value)
       do j = 1, size(hill%poles%order)
         associate (other => hill%poles%order(j))
           value = value*(s - hill%poles%pole(other))
@@ -164,7 +167,7 @@ contains
     real(wp) :: moved
     is_doubtful = .not. offset < safe*abs(real(mean))
     if (is_doubtful) return
-    call hill%moved_by_waves(system, mean, 0.1_wp*abs(real(mean)), moved)
+    call moved_by_waves(hill, system, mean, 0.1_wp*abs(real(mean)), moved)
     is_doubtful = .not. moved < safe*abs(real(mean))
   end function is_doubtful
 
@@ -187,16 +190,6 @@ contains
     self%of_pole(self%n) = pole
     self%doubtful(self%n) = .false.
   end subroutine put
-
-  !> Into 0 <= Im lambda <= d/2, on its borders where that may be.
-  elemental complex(wp) function folded(lambda, d)
-    complex(wp), intent(in) :: lambda
-    real(wp), intent(in) :: d
-    folded = into_strip(lambda, d)
-    folded = cmplx(real(folded), abs(aimag(folded)), wp)
-    if (aimag(folded) < on_line*d) folded = real(folded)
-    if (aimag(folded) > (0.5_wp - on_line)*d) folded = cmplx(real(folded), 0.5_wp*d, wp)
-  end function folded
 
   !> Whether the conjugate is another one.
   elemental logical function is_pair(upper, d)
@@ -256,7 +249,7 @@ contains
       tried(i) = .true.
       paired = hill%poles%paired(self%of_pole(i))
       call secant(hill, system, self%all_of(hill, .false., i), self%upper(i), small_step, root, &
-                  made)
+                  made, self%shape_at(self%of_pole(i)))
       if (.not. made) cycle
       before = self%upper(i)
       self%upper(i) = folded(root, hill%period)
@@ -272,15 +265,41 @@ contains
         self%nu(m) = hill%nu
       end associate
       ! A pair may meet on the line and part.
-      if (.not. paired .or. is_pair(self%upper(i), hill%period)) cycle
-      beside = cmplx(2.0_wp*real(before) - real(self%upper(i)), aimag(self%upper(i)), wp) &
-               + first_step*hill%period*(0.3_wp, 0.2_wp)
-      call secant(hill, system, self%all_of(hill, .false., 0), beside, small_step, root, made)
-      if (.not. made) cycle
-      call self%put(hill, root, .true., 0)
+      if (paired .and. .not. is_pair(self%upper(i), hill%period)) then
+        call self%find_beside(hill, system, i, before)
+      else
+        self%shape_beside(self%of_pole(i))%known = .false.
+      end if
     end do
     call drop_doubtful(self)
   end subroutine sharpen
+
+  !> The other zero of a pair that has met on a line of symmetry and parted.
+  subroutine find_beside(self, hill, system, i, start)
+    class(condensed_zeros), intent(inout) :: self
+    type(condensed_hill), intent(inout) :: hill
+    class(structure_type), intent(in) :: system
+    integer, intent(in) :: i
+    !> Where zero i was thought to be.
+    complex(wp), intent(in) :: start
+    complex(wp) :: beside, root
+    logical :: made
+
+    associate (m => self%of_pole(i), d => hill%period)
+      if (self%shape_beside(m)%known) then
+        beside = cmplx(2.0_wp*(real(self%mean(m)) + d*self%amid(m)) - real(self%upper(i)), &
+                       aimag(self%upper(i)), wp)
+      else
+        beside = cmplx(2.0_wp*real(start) - real(self%upper(i)), aimag(self%upper(i)), wp) &
+                 + first_step*d*(0.3_wp, 0.2_wp)
+      end if
+      call secant(hill, system, self%all_of(hill, .false., 0), beside, small_step, root, made, &
+                  self%shape_beside(m))
+      if (.not. made) return
+      self%amid(m) = (0.5_wp*real(root + self%upper(i)) - real(self%mean(m)))/d
+      call self%put(hill, root, .true., 0)
+    end associate
+  end subroutine find_beside
 
   !> Without those in doubt that could not be made sharp: with one on the wrong side of the axis
   !! divided out, nothing is seen of the zero.
@@ -333,72 +352,5 @@ contains
     if (hill%ready) call secant(hill, system, none, start, smallest_step, exponent, made)
     if (made) exponent = folded(exponent, hill%period)
   end subroutine exponent_near
-
-  !> A zero, those known divided out.
-  subroutine secant(hill, system, known, start, least, root, made)
-    type(condensed_hill), intent(inout) :: hill
-    class(structure_type), intent(in) :: system
-    complex(wp), intent(in) :: known(:), start
-    !> Last step (d).
-    real(wp), intent(in) :: least
-    complex(wp), intent(out) :: root
-    logical, intent(out) :: made
-    complex(wp) :: before, value_before, value, step
-    real(wp) :: last, earlier, error
-    integer :: i
-    logical :: about_half
-
-    made = .false.
-    ! All the way with the same orders: with others F has another scale.
-    about_half = abs(aimag(start)) > 0.25_wp*hill%period
-    last = huge(last)
-    ! Off the real axis, or it would never be left.
-    before = start + first_step*hill%period*(1.0_wp, 1.0_wp)
-    earlier = abs(before - start)
-    root = start
-    call reduced(before, value_before)
-    do i = 1, max_iterations
-      call reduced(root, value)
-      if (.not. abs(value) <= huge(1.0_wp)) return
-      if (.not. abs(value - value_before) > 0.0_wp) then
-        made = i > 1
-        return
-      end if
-      step = -value*((root - before)/(value - value_before))
-      if (.not. abs(step) <= huge(1.0_wp)) return
-      if (abs(step) > longest*hill%period) step = step*(longest*hill%period/abs(step))
-      before = root
-      value_before = value
-      root = root + step
-      if (real(root) < leftmost*hill%period .or. real(root) > rightmost*hill%period) return
-      ! Steps go with the product of the two before: what the next one would be.
-      error = abs(step)
-      if (i > 1 .and. error < last .and. last < earlier) error = error*(error/earlier)
-      made = error <= least*hill%period &
-             .or. (abs(step) <= last_step*hill%period .and. abs(step) >= last)
-      if (made) exit
-      if (i > 1) earlier = last
-      last = abs(step)
-    end do
-    ! One of those known once more.
-    if (made) made = all(abs(folded(known, hill%period) - folded(root, hill%period)) &
-                         > same*hill%period)
-
-  contains
-
-    subroutine reduced(lambda, value)
-      complex(wp), intent(in) :: lambda
-      complex(wp), intent(out) :: value
-      complex(wp) :: factor
-      integer :: k
-
-      call hill%determinant(system, lambda, value, about_half)
-      do k = 1, size(known)
-        factor = gap(2.0_wp*pi/hill%period*(known(k) - lambda))
-        if (abs(real(factor)) + abs(aimag(factor)) > 0.0_wp) value = value/factor
-      end do
-    end subroutine reduced
-
-  end subroutine secant
 
 end module viscovib_condensed_roots

@@ -146,39 +146,36 @@ contains
   end subroutine waves_of_rates
 
   !> How large H J is at s at some times, whatever the units: |(H J)^4|^(1/4).
-  real(wp) function strength(system, kernel_of_group, slopes, s, h)
+  real(wp) function strength(system, kernel_of_group, slopes, s, h, places)
     class(structure_type), intent(in) :: system
     !> Kernel of each group, and slopes of the variables along the motion, shape (n_samples,
     !! n_memory, n_dof + n_rates).
     integer, intent(in) :: kernel_of_group(:)
     real(wp), intent(in) :: slopes(:, :, :)
     complex(wp), intent(in) :: s, h(:, :)
-    complex(wp) :: x(size(h, 1), size(h, 1)), kept(1, size(kernel_of_group))
-    complex(wp) :: slope(size(h, 1))
-    integer :: b, i, j, q
+    !> Deflections that H and J stand for.
+    integer, intent(in) :: places(:)
+    complex(wp) :: x(size(places), size(places)), kept(1, size(kernel_of_group)), slope
+    integer :: b, c, i, j, q
 
     kept = retained_of(system, kernel_of_group, [s])
     strength = 0.0_wp
     do i = 1, size(slopes, 1), max(1, size(slopes, 1)/some_times)
       x = (0.0_wp, 0.0_wp)
       do j = 1, size(slopes, 2)
+        if (.not. any(abs(system%spread(places, j)) > 0.0_wp)) cycle
         q = findloc(kernel_of_group, system%kernel_of(j), 1)
-        slope = (0.0_wp, 0.0_wp)
-        if (system%bent(j)) then
-          slope = slopes(i, j, :size(slope))
-          do b = 1, system%n_rates()
-            slope(system%rates(b)) = slope(system%rates(b)) + s*slopes(i, j, size(slope) + b)
-          end do
-        end if
-        do b = 1, size(h, 1)
-          x(:, b) = x(:, b) + system%spread(:, j)*(kept(1, q)*slope(b))
+        do b = 1, size(places)
+          slope = slope_at(system, slopes(i, j, :), j, places(b), s)
+          slope = kept(1, q)*slope
           if (system%kernel_of(j) > 0) then
-            x(:, b) = x(:, b) + system%spread(:, j)*((kept(1, q) - 1.0_wp)*system%gather(j, b))
+            slope = slope + (kept(1, q) - 1.0_wp)*system%gather(j, places(b))
           end if
+          x(:, b) = x(:, b) + system%spread(places, j)*slope
         end do
       end do
       x = matmul(h, x)
-      if (size(h, 1) > 1) then
+      if (size(places) > 1) then
         x = matmul(x, x)
         x = matmul(x, x)
         strength = max(strength, maxval(sum(abs(x), 2))**0.25_wp)
@@ -187,5 +184,21 @@ contains
       end if
     end do
   end function strength
+
+  !> Derivative of variable j by deflection b at one time, that by its rate included.
+  pure complex(wp) function slope_at(system, slopes, j, b, s) result(slope)
+    class(structure_type), intent(in) :: system
+    real(wp), intent(in) :: slopes(:)
+    integer, intent(in) :: j, b
+    complex(wp), intent(in) :: s
+    integer :: c
+
+    slope = (0.0_wp, 0.0_wp)
+    if (.not. system%bent(j)) return
+    slope = slopes(b)
+    do c = 1, system%n_rates()
+      if (system%rates(c) == b) slope = slope + s*slopes(system%n_dof() + c)
+    end do
+  end function slope_at
 
 end module viscovib_condensed_rows

@@ -13,28 +13,59 @@ module viscovib_condensed_waves
   implicit none
   private
 
-  public :: fill_waves
+  public :: fill_waves, soften
 
 contains
 
-  !> I + J H' over the deflections that swing.
-  pure subroutine fill_waves(p, reach, swings, others, h, kept, local, without, re, im, factor)
-    !> Orders, and how far J reaches.
-    integer, intent(in) :: p, reach
+  !> H' at some orders, J_A. [H_.A - H_.P S_k^-1 T_k] there, and prod_k det S_k.
+  pure subroutine soften(h, kept, mean, without, swings, others, soft_re, soft_im, own_re, own_im, &
+                         factor)
+    !> H, what each kernel leaves, the mean of J of each group and what J is less of hereditary
+    !! variables: as in `viscovib_condensed_hill`.
+    complex(wp), intent(in) :: h(:, :, :), kept(:, :)
+    real(wp), intent(in) :: mean(:, :, :), without(:, :)
     !> A and P.
     integer, intent(in) :: swings(:), others(:)
-    !> H, what each kernel leaves, J by the difference of orders, and what it is less of
-    !! hereditary variables: as in `viscovib_condensed_hill`.
-    complex(wp), intent(in) :: h(:, :, :), kept(:, :), local(:, :, :, :)
-    real(wp), intent(in) :: without(:, :)
-    real(wp), intent(inout) :: re(:, :), im(:, :)
-    !> prod_k det S_k, 0 where one cannot be solved.
+    !> Shape (p, n_swings, n_swings).
+    real(wp), intent(out), dimension(:, :, :) :: soft_re, soft_im, own_re, own_im
+    !> 0 where one cannot be solved.
     complex(wp), intent(out) :: factor
-    complex(wp) :: mean(size(without, 1), size(without, 1)), part
-    complex(wp) :: compliance(size(without, 1), size(without, 1))
+    complex(wp) :: average(size(without, 1), size(without, 1)), part
     complex(wp) :: soft(size(without, 1), size(swings)), own(size(swings), size(swings))
-    real(wp), dimension(-reach:reach, size(swings), size(swings), size(kept, 2)) :: c, s
-    real(wp), dimension(p, size(kept, 2)) :: kept_re, kept_im
+    integer :: l, q
+
+    factor = (1.0_wp, 0.0_wp)
+    do l = 1, size(kept, 1)
+      average = -without
+      do q = 1, size(kept, 2)
+        average = average + kept(l, q)*mean(:, :, q)
+      end do
+      call remaining(h(l, :, :), average, swings, others, soft, part)
+      factor = factor*part
+      if (.not. abs(factor) > 0.0_wp) return
+      own = matmul(average(swings, :), soft)
+      soft_re(l, :, :) = real(soft(swings, :))
+      soft_im(l, :, :) = aimag(soft(swings, :))
+      own_re(l, :, :) = real(own)
+      own_im(l, :, :) = aimag(own)
+    end do
+  end subroutine soften
+
+  !> I + J H' over the deflections that swing.
+  pure subroutine fill_waves(p, reach, rows, swings, kept, local, soft_re, soft_im, own_re, &
+                             own_im, re, im)
+    !> Orders, how far J reaches, and leading dimension.
+    integer, intent(in) :: p, reach, rows
+    !> A.
+    integer, intent(in) :: swings(:)
+    !> What each kernel leaves, and J by the difference of orders.
+    complex(wp), intent(in) :: kept(:, :), local(:, :, :, :)
+    !> H', and the part of J H' within one order.
+    real(wp), intent(in), dimension(:, :, :) :: soft_re, soft_im, own_re, own_im
+    real(wp), intent(inout) :: re(rows, size(swings)*p), im(rows, size(swings)*p)
+    real(wp), dimension(size(swings), -reach:reach, size(swings), size(kept, 2)) :: c, s
+    real(wp), dimension(size(swings), p, size(kept, 2)) :: kept_re, kept_im
+    real(wp), dimension(size(swings)) :: f, g
     integer :: a, b, l, n, q, middle
 
     n = size(swings)
@@ -43,69 +74,58 @@ contains
       do b = 1, n
         do a = 1, n
           associate (wave => local(swings(a), swings(b), middle - reach:middle + reach, q))
-            c(:, a, b, q) = real(wave)
-            s(:, a, b, q) = aimag(wave)
+            c(a, :, b, q) = real(wave)
+            s(a, :, b, q) = aimag(wave)
           end associate
         end do
       end do
     end do
-    kept_re = real(kept)
-    kept_im = aimag(kept)
-    factor = (1.0_wp, 0.0_wp)
+    do a = 1, n
+      kept_re(a, :, :) = real(kept)
+      kept_im(a, :, :) = aimag(kept)
+    end do
     re(:n*p, :n*p) = 0.0_wp
     im(:n*p, :n*p) = 0.0_wp
     do l = 1, p
-      mean = -without
-      do q = 1, size(kept, 2)
-        mean = mean + kept(l, q)*local(:, :, middle, q)
-      end do
-      compliance = h(l, :, :)
-      call remaining(compliance, mean, swings, others, soft, part)
-      factor = factor*part
-      if (.not. abs(factor) > 0.0_wp) return
-      do b = 1, n
-        call fill_column(p, reach, n, l, size(kept, 2), kept_re, kept_im, c, s, soft(swings, b), &
-                         re(:n*p, (l - 1)*n + b), im(:n*p, (l - 1)*n + b))
-      end do
-      own = matmul(mean(swings, :), soft)
-      do b = 1, n
-        own(b, b) = own(b, b) + 1.0_wp
-      end do
-      re((l - 1)*n + 1:l*n, (l - 1)*n + 1:l*n) = real(own)
-      im((l - 1)*n + 1:l*n, (l - 1)*n + 1:l*n) = aimag(own)
+      associate (first => max(1, l - reach), last => min(p, l + reach), column => (l - 1)*n)
+        do b = 1, n
+          f = soft_re(l, :, b)
+          g = soft_im(l, :, b)
+          do q = 1, size(kept, 2)
+            call add_waves(n*(last - first + 1), n, n*(2*reach + 1), kept_re(1, first, q), &
+                           kept_im(1, first, q), c(1, first - l, 1, q), s(1, first - l, 1, q), &
+                           f, g, re((first - 1)*n + 1, column + b), &
+                           im((first - 1)*n + 1, column + b))
+          end do
+          re(column + 1:column + n, column + b) = own_re(l, :, b)
+          im(column + 1:column + n, column + b) = own_im(l, :, b)
+          re(column + b, column + b) = re(column + b, column + b) + 1.0_wp
+        end do
+      end associate
     end do
   end subroutine fill_waves
 
-  !> One column of J H', of order l, but for the rows of order l.
-  pure subroutine fill_column(p, reach, n, l, n_groups, kept_re, kept_im, c, s, soft, re, im)
-    integer, intent(in) :: p, reach, n, l, n_groups
-    !> Real and imaginary parts of what is kept and of the waves of J.
-    real(wp), intent(in) :: kept_re(p, n_groups), kept_im(p, n_groups)
-    real(wp), intent(in), dimension(-reach:reach, n, n, n_groups) :: c, s
-    !> A column of H'.
-    complex(wp), intent(in) :: soft(n)
-    real(wp), intent(inout) :: re(n, p), im(n, p)
-    real(wp), dimension(-reach:reach) :: x, y
-    real(wp) :: f, g
-    integer :: a, b, i, q
+  !> One column of J H', of one kernel.
+  pure subroutine add_waves(n_rows, n, rows, kept_re, kept_im, c, s, f, g, re, im)
+    !> Rows of the column that J reaches, columns of J, and its leading dimension.
+    integer, intent(in) :: n_rows, n, rows
+    !> What is kept at the order of each row.
+    real(wp), intent(in) :: kept_re(n_rows), kept_im(n_rows)
+    !> J, and a column of H', real and imaginary parts.
+    real(wp), intent(in) :: c(rows, n), s(rows, n), f(n), g(n)
+    real(wp), intent(inout) :: re(n_rows), im(n_rows)
+    real(wp) :: x(n_rows), y(n_rows)
+    integer :: b
 
-    do q = 1, n_groups
-      do a = 1, n
-        x = 0.0_wp
-        y = 0.0_wp
-        do b = 1, n
-          f = real(soft(b))
-          g = aimag(soft(b))
-          x = x + (f*c(:, a, b, q) - g*s(:, a, b, q))
-          y = y + (f*s(:, a, b, q) + g*c(:, a, b, q))
-        end do
-        do i = max(1, l - reach), min(p, l + reach)
-          re(a, i) = re(a, i) + (kept_re(i, q)*x(i - l) - kept_im(i, q)*y(i - l))
-          im(a, i) = im(a, i) + (kept_re(i, q)*y(i - l) + kept_im(i, q)*x(i - l))
-        end do
-      end do
+    x = f(1)*c(:n_rows, 1) - g(1)*s(:n_rows, 1)
+    y = f(1)*s(:n_rows, 1) + g(1)*c(:n_rows, 1)
+    do b = 2, n
+      x = x + (f(b)*c(:n_rows, b) - g(b)*s(:n_rows, b))
+      y = y + (f(b)*s(:n_rows, b) + g(b)*c(:n_rows, b))
     end do
-  end subroutine fill_column
+    re = re + (kept_re*x - kept_im*y)
+    im = im + (kept_re*y + kept_im*x)
+  end subroutine add_waves
 
   !> H' of one order and det S.
   pure subroutine remaining(h, mean, swings, others, soft, determinant)

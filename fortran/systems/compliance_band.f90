@@ -36,6 +36,7 @@ module viscovib_compliance_band
     real(wp), allocatable, private :: terms(:, :, :)
     logical, private :: has_terms = .false.
   contains
+    procedure :: only_modes
     procedure :: serves
     procedure :: evaluate
   end type compliance_band
@@ -121,6 +122,13 @@ contains
     serves = radius <= self%radius .and. radius >= least_part*self%radius &
              .and. .not. abs(nearness - self%nearness) > 0.0_wp
   end function serves
+
+  !> Whether H is that of the modes one by one and no more.
+  pure logical function only_modes(self)
+    class(compliance_band), intent(in) :: self
+    only_modes = .not. self%has_terms .and. size(self%poles) == 0 &
+                 .and. size(self%rigid_squares) == 0
+  end function only_modes
 
   !> H(s) without the modes that are nearly rigid bodies, at many s within the radius.
   pure subroutine evaluate(self, s, h)

@@ -1,0 +1,54 @@
+"""Multipliers along a branch of a body whose mounts remember, beside SciPy on all its equations."""
+
+import numpy as np
+import viscovib as vv
+from scipy.integrate import solve_ivp
+from test_body import engine
+from viscovib.units import hz
+
+KERNEL = vv.PronyKernel(weights=[2.0], rates=[60.0])
+CUBE = 1e10
+
+
+def of_scipy(body, nu, x, orders):
+    """Multipliers of M u'' = -sum_j c_j (f_j' d_j - z_j), z_j' = w f_j' d_j - r z_j, d = c u."""
+    springs = body._mount_springs
+    rows, n = np.asarray(springs.rows), springs.rows.shape[0]
+    bent = np.arange(n) % 3 == 2
+    inverse = np.linalg.inv(np.asarray(body.mass))
+    weight, rate = KERNEL.weights[0], KERNEL.rates[0]
+    size = 12 + n
+
+    def slope(t, y):
+        y = y.reshape(size, size)
+        deflection = rows @ (x @ np.exp(1j * orders * nu * t)).imag
+        stiffness = springs.stiffness + bent * 3 * CUBE * deflection**2
+        force = stiffness[:, None] * (rows @ y[:6])
+        push = -inverse @ (rows.T @ (force - y[12:]))
+        return np.vstack([y[6:12], push, weight * force - rate * y[12:]]).ravel()
+
+    run = solve_ivp(slope, (0, 2 * np.pi / nu), np.eye(size).ravel(), method="DOP853",
+                    rtol=1e-10, atol=1e-10)  # fmt: skip
+    values = np.linalg.eigvals(run.y[:, -1].reshape(size, size))
+    return values[np.argsort(-np.abs(values))]
+
+
+def test_multipliers_along_a_branch():
+    """Each motion is judged from what the one before it was: all stay those of the equations."""
+    body = engine(KERNEL, "1e10*d^3")
+    branch = vv.trace_response(
+        body, (20 * hz, 29 * hz), load=body.load(torque=(0, 500, 0)).real, harmonics=9,
+        tolerance=1e-4, stability=True,
+    )  # fmt: skip
+    assert branch.nu.size > 30
+    assert 0 < np.sum(branch.stable == True) < branch.nu.size  # noqa: E712
+    changes = np.flatnonzero(branch.stable[1:] != branch.stable[:-1])
+    for i in {int(changes[0]), int(changes[0]) + 1, branch.nu.size // 3, branch.nu.size - 2}:
+        expected = of_scipy(body, branch.nu[i], branch.coefficients[i], branch.harmonics)
+        told = branch.multipliers[i][np.isfinite(branch.multipliers[i])]
+        assert branch.stable[i] == (np.abs(expected[0]) < 1)
+        assert told.size >= 8
+        for value in told:
+            assert np.abs(expected - value).min() < 1e-6 * max(1, np.abs(value))
+        # The largest is among them.
+        assert np.abs(told - expected[0]).min() < 1e-6 * np.abs(expected[0])
