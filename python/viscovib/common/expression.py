@@ -29,7 +29,11 @@ def expand(where: str, text: str, names: Sequence[str]) -> Polynomial:
         # A product written without its sign is the likeliest slip.
         tree = ast.parse(re.sub(r"\^", "**", text.strip()), mode="eval")
         result = _Expander(where, tuple(names)).value(tree.body)
-    except (SyntaxError, ValueError, OverflowError, RecursionError, MemoryError) as error:
+    except (RecursionError, MemoryError):
+        raise InputError(
+            f"{where} = {_short(text)}: has too many parentheses or factors inside each other"
+        ) from None
+    except (SyntaxError, ValueError, OverflowError) as error:
         if isinstance(error, InputError):
             raise
         raise InputError(
@@ -73,10 +77,8 @@ class _Expander:
                 return self.value(operand)
             case ast.UnaryOp(op=ast.USub(), operand=operand):
                 return {powers: -c for powers, c in self.value(operand).items()}
-            case ast.BinOp(left=left, op=ast.Add(), right=right):
-                return self._sum(self.value(left), self.value(right), 1.0)
-            case ast.BinOp(left=left, op=ast.Sub(), right=right):
-                return self._sum(self.value(left), self.value(right), -1.0)
+            case ast.BinOp(op=ast.Add() | ast.Sub()):
+                return self._sum(node)
             case ast.BinOp(left=left, op=ast.Mult(), right=right):
                 return self._product(self.value(left), self.value(right))
             case ast.BinOp(left=left, op=ast.Div(), right=right):
@@ -99,10 +101,16 @@ class _Expander:
         place = self.names.index(name)
         return {tuple(int(d == place) for d in range(len(self.names))): 1.0}
 
-    def _sum(self, a: Polynomial, b: Polynomial, sign: float) -> Polynomial:
-        total = dict(a)
-        for powers, c in b.items():
-            total[powers] = total.get(powers, 0.0) + sign * c
+    def _sum(self, node: ast.AST) -> Polynomial:
+        """Of any number of terms, which the tree holds one inside the other."""
+        terms = []
+        while isinstance(node, ast.BinOp) and isinstance(node.op, ast.Add | ast.Sub):
+            terms.append((node.right, 1.0 if isinstance(node.op, ast.Add) else -1.0))
+            node = node.left
+        total = self.value(node)
+        for term, sign in reversed(terms):
+            for powers, c in self.value(term).items():
+                total[powers] = total.get(powers, 0.0) + sign * c
         return _cleaned(total)
 
     def _product(self, a: Polynomial, b: Polynomial) -> Polynomial:
