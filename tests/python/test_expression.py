@@ -89,7 +89,7 @@ def test_no_expression_grows_without_bound():
 
 def test_a_sum_of_thousands_of_terms():
     """Laws of reduced models have that many: no term is inside another."""
-    text = "+".join(f"{i}*x^3-x^2" for i in range(1500))
-    assert expand("forces", text, ["x"]) == {(3,): 1500 * 1499 / 2, (2,): -1500.0}
-    with pytest.raises(vv.InputError, match="must be|inside each other"):
+    text = "+".join(f"{i}*x^3-x^2" for i in range(1200))
+    assert expand("forces", text, ["x"]) == {(3,): 1200 * 1199 / 2, (2,): -1200.0}
+    with pytest.raises(vv.InputError, match=r"must be|inside each other"):
         expand("forces", "(" * 5000 + "x^3" + ")" * 5000, ["x"])
