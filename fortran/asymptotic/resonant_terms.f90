@@ -11,7 +11,7 @@ module viscovib_resonant_terms
   implicit none
   private
 
-  public :: choose_loads, choose_products, far_influence, left_out, wants_more
+  public :: choose_loads, choose_products, far_influence, first_size, left_out, wants_more
 
   !> A load farther than this part of a mode's frequency from it never counts as resonant.
   real(wp), parameter :: farthest_load = 0.3_wp
@@ -283,6 +283,14 @@ contains
       reference = max(reference, all_sizes(a)*maxval(abs(self%right(:, a))))
     end do
   end subroutine sizes_of_generators
+
+  !> The largest motion of first order, for amplitudes of the modes.
+  pure real(wp) function first_size(self, sizes)
+    class(normal_form_type), intent(in) :: self
+    real(wp), intent(in) :: sizes(:)
+    real(wp) :: all_sizes(self%n_generators)
+    call sizes_of_generators(self, sizes, all_sizes, first_size)
+  end function first_size
 
   !> The largest influence of what had no place in the frame, at these amplitudes.
   pure real(wp) function left_out(self, sizes)

@@ -20,7 +20,7 @@ module viscovib_resting_modes
   use viscovib_normal_products, only: reach_type
   use viscovib_polynomial_form, only: full_system_type, polynomial_form_type
   use viscovib_resonance_choice, only: least_of_far
-  use viscovib_resonant_terms, only: far_influence
+  use viscovib_resonant_terms, only: far_influence, first_size
   use viscovib_status, only: status_type
   implicit none
   private
@@ -29,7 +29,7 @@ module viscovib_resting_modes
 
   !> Farther than this part of a mode's frequency no such tongue reaches.
   real(wp), parameter :: reach = 0.3_wp
-  !> Of a resting mode, in parts of the largest that moves.
+  !> Of a resting mode, in parts of the motion.
   real(wp), parameter :: little = 1.0e-4_wp
   integer, parameter :: order = 3
   !> Waves this near to a mode, in parts of its frequency, turn with it.
@@ -158,8 +158,8 @@ contains
     complex(wp) :: b(size(a)), own, by_own, by_other
     integer :: i, k
     b = a
-    b(j) = little*maxval(abs(a))
-    if (.not. maxval(abs(a)) > 0.0_wp) b(j) = little
+    b(j) = little_of(scales, a)
+    if (.not. abs(b(j)) > 0.0_wp) return
     call find_defect(scales, full, b, real_part, reach)
     own = b(j)
     b(j) = cmplx(0.0_wp, real(own), wp)
@@ -186,6 +186,15 @@ contains
       end do
     end do
   end subroutine probe
+
+  !> A little of a resting mode beside a motion; where no mode moves, beside what loads do by
+  !! themselves: what is little in the units of the modes may be far beyond both.
+  pure real(wp) function little_of(scales, a)
+    type(multiple_scales_type), intent(in) :: scales
+    complex(wp), intent(in) :: a(:)
+    little_of = little*maxval(abs(a))
+    if (.not. little_of > 0.0_wp) little_of = little*first_size(scales%normal, abs(a))
+  end function little_of
 
   !> Whether this is the nearest n.f to a frequency.
   pure logical function is_drive(angles, f, wanted)
@@ -284,7 +293,8 @@ contains
     real(wp) :: own
     integer :: i, k, part
 
-    own = little*maxval(abs(a))
+    own = little_of(scales, a)
+    if (.not. own > 0.0_wp) return
     rates = (0.0_wp, 0.0_wp)
     do part = 1, size(turns)
       b = a

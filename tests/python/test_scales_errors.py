@@ -259,3 +259,17 @@ def test_a_free_motion_with_as_many_resonances_as_modes_has_an_error():
     assert np.abs(motion.modulation.frame / ms.frequencies - 1).max() < 0.5
     assert (error[1:] < 5 * motion.error_estimate[1:].max()).all()
     assert (motion.error_estimate > 0).all()
+
+
+@pytest.mark.parametrize("unit", [1e-12, 1e-8, 1.0, 1e8])
+def test_resting_growth_has_no_units(unit):
+    """All forces and the mass times a factor: a mode at rest that loads drive grows as it did.
+
+    It was tried with an amplitude that was little for 1 kg, and far too much for 1e-8 kg.
+    """
+    light = vv.PolynomialSystem(
+        mass=unit, stiffness=unit, damping=0.05 * unit, forces=f"{0.5 * unit}*x^3+{0.2 * unit}*x^2"
+    )
+    found = vv.MultipleScales(light, load=[0.05 * unit], nu=0.7).response("nu", [0.6, 0.65])
+    assert found.stable.all()
+    np.testing.assert_allclose(found.resting_growth, -0.025, rtol=1e-4)
