@@ -11,6 +11,8 @@ import warnings
 from collections.abc import Callable
 from typing import Any
 
+import motion
+import numpy as np
 import peer_friction
 import viscovib as vv
 
@@ -110,3 +112,41 @@ def run() -> tuple[list[Row], list[Row]]:
              "ratio": (second / m) / (first / n)}
         )  # fmt: skip
     return rows, ratios
+
+
+def ensembles(n: int = 64) -> list[Row]:
+    """Motions of a text law and of the pendulum to t = 200, eight side by side, by turns.
+
+    Errors are against collocation of order 32 in small steps, which the tests compare with SciPy.
+    """
+    text = vv.PolynomialSystem(
+        mass=1, stiffness=1, damping=0.05, forces="0.3*tanh(x_dot) + 0.2*sin(x)"
+    )
+    starts = np.stack([np.linspace(-1, 1, n), np.zeros(n)], 1)
+    swings = np.tile(motion.START, (n, 1))
+    swings[:, 2] = np.linspace(-0.5, 0.5, n)
+    of = {
+        "pendulum": {"system": vv.Pendulum(**motion.P1R), "initial": swings},
+        "0.3*tanh(x_dot) + 0.2*sin(x)": {"system": text, "initial": starts, "load": 0.5, "nu": 0.9},
+    }
+    steps = {"verner9": (0.5, 0.3, 0.2), "gauss8": (1.6, 1.0, 0.7)}
+    rows: list[Row] = []
+    for name, given in of.items():
+        expected = _many(given, "gauss16", 1.0).state
+        for method, sizes in steps.items():
+            for dt in sizes:
+                error = float(np.abs(_many(given, method, dt).state - expected).max())
+                rows.append({"law": name, "method": method, "dt": dt, "error": error,
+                             "given": given, "seconds": float("inf")})  # fmt: skip
+    for _ in range(_ROUNDS):
+        for row in rows:
+            start = time.perf_counter()
+            _many(row["given"], row["method"], row["dt"])
+            row["seconds"] = min(row["seconds"], (time.perf_counter() - start) / n)
+    for row in rows:
+        del row["given"]
+    return rows
+
+
+def _many(given: dict[str, Any], method: str, dt: float) -> Any:
+    return vv.simulate_ensemble(**given, t_end=motion.END, dt=dt, method=method, n_threads=1)

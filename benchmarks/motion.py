@@ -249,6 +249,12 @@ def many_trajectories(n: int = 1024) -> list[Row]:
         for method in ("dop8", "verner8", "verner9")
         for dt in (1.3, 1.0, 0.7, 0.5, 0.4, 0.3, 0.2)
     ]
+    steps = {"gauss8": (2.5, 2.0, 1.6, 1.3, 1.0, 0.7), "gauss16": (4.0, 3.0, 2.0)}
+    jobs += [
+        (f"viscovib {method}", f"dt = {dt}", job(method, dt))
+        for method in steps
+        for dt in steps[method]
+    ]
     rows = []
     for method, setting, work in (*jobs, *heyoka_ensemble(states)):
         error = float(np.abs(work() - expected).max())

@@ -312,6 +312,15 @@ def of_laws(out: Path) -> Part:
         f"{show_time(row['peer']) if row['peer'] == row['peer'] else ''} |"
         for row in rows
     ]
+    many = laws.ensembles()
+    write_csv(out / "law_ensembles.csv", many)
+    lines += ["", "| ensembles to t = 200 | method, step | error | a motion | a step |"]
+    lines += ["| --- |" + " --- |" * 4]
+    lines += [
+        f"| {row['law']} | {row['method']}, {row['dt']:g} | {row['error']:.0e} | "
+        f"{show_time(row['seconds'])} | {show_time(row['seconds'] * row['dt'] / 200)} |"
+        for row in many
+    ]
     lines += ["", "| a polynomial | a branch point | as a text that is one | ratio | target |"]
     lines += ["| --- | --- | --- | --- | --- |"]
     return lines + [

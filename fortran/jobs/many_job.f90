@@ -43,7 +43,7 @@ module viscovib_many_job
     integer :: n_periods = 0, sections = 0
     !> Step, 0: found by the tolerance of the last states.
     real(wp) :: dt = 0.0_wp, tolerance = 1.0e-8_wp
-    !> Place among the explicit methods.
+    !> Place in `lane_methods`.
     integer :: method = 4
     logical :: lyapunov = .false.
   contains

@@ -1,4 +1,5 @@
-!> Explicit Runge-Kutta methods, as tables for second-order systems.
+!> Explicit Runge-Kutta methods, as tables for second-order systems, and Gauss's collocations in
+!! the same form for trajectories side by side.
 !!
 !! For q' = v, v' = f the stages need sums of f only (Nystrom form):
 !!   q_i = q_0 + c_i h v_0 + h^2 sum_j (a^2)_ij f_j, v_i = v_0 + h sum_j a_ij f_j,
@@ -10,14 +11,20 @@
 module viscovib_explicit_tables
   use viscovib_exact_sum, only: exact_dot
   use viscovib_kinds, only: wp
+  use viscovib_quadrature, only: gauss_nodes, lagrange, lagrange_factors
   implicit none
   private
 
   public :: explicit_table_type, new_explicit_table
 
-  integer, parameter, public :: max_stages = 15
+  integer, parameter, public :: max_stages = 16
   character(len=*), parameter, public :: explicit_names(4) = &
     [character(len=8) :: 'rk4', 'dop8', 'verner8', 'verner9']
+  !> Methods of many trajectories at once.
+  character(len=*), parameter, public :: lane_methods(6) = &
+    [character(len=8) :: explicit_names, 'gauss8', 'gauss16']
+  !> Accelerations that predict the next one of a collocation.
+  integer, parameter :: most_predicting = 10
 
   type :: explicit_table_type
     integer :: n_stages = 0, order = 0
@@ -27,11 +34,17 @@ module viscovib_explicit_tables
     !! terms, which accelerations, and their weights in q and in v.
     integer :: n_terms(max_stages + 1) = 0, from(max_stages, max_stages + 1) = 0
     real(wp) :: weights(2, max_stages, max_stages + 1) = 0.0_wp
+    !> Whether stages need one another, so that they are iterated; then the sums of each stage in
+    !! the first sweep, over accelerations of stages before it and, by places beyond n_stages, of
+    !! the last stages of the step before.
+    logical :: implicit = .false.
+    integer :: n_first = 0, first_from(max_stages, max_stages) = 0
+    real(wp) :: first_weights(2, max_stages, max_stages) = 0.0_wp
   end type explicit_table_type
 
 contains
 
-  !> Table by its place in `explicit_names`.
+  !> Table by its place in `lane_methods`.
   pure subroutine new_explicit_table(table, method)
     type(explicit_table_type), intent(out) :: table
     integer, intent(in) :: method
@@ -45,8 +58,14 @@ contains
       call dormand_prince_8(table)
     case (3)
       call verner_8(table)
-    case default
+    case (4)
       call verner_9(table)
+    case (5)
+      call gauss(table, 8)
+      return
+    case default
+      call gauss(table, 16)
+      return
     end select
     n = table%n_stages
     one = 1.0_wp
@@ -64,6 +83,54 @@ contains
     end do
     call list_terms(table, n + 1, square, table%b)
   end subroutine new_explicit_table
+
+  !> Collocation at s nodes (Hairer, Lubich, Wanner, Geometric Numerical Integration, II.1.3). The
+  !! first sweep takes the polynomial through the accelerations just before each node, as Adams'
+  !! methods do; through more than 10 it would magnify their rounding too much.
+  pure subroutine gauss(table, s)
+    type(explicit_table_type), intent(inout) :: table
+    integer, intent(in) :: s
+    real(wp) :: c(s), b(s), points(min(s, most_predicting))
+    integer :: i, j, place
+
+    call gauss_nodes(s, c, b)
+    table%implicit = .true.
+    table%n_stages = s
+    table%order = 2*s
+    table%c(:s) = c
+    table%b(:s) = b
+    table%n_terms(:s + 1) = s
+    table%n_first = size(points)
+    do i = 1, s
+      table%from(:s, i) = [(j, j=1, s)]
+      table%weights(:, :s, i) = integrals(c, c, b, c(i))
+      do j = 1, size(points)
+        place = i - 1 - size(points) + j
+        points(j) = c(merge(place, place + s, place > 0)) - merge(0.0_wp, 1.0_wp, place > 0)
+        table%first_from(j, i) = merge(place, place + 2*s, place > 0)
+      end do
+      table%first_weights(:, :size(points), i) = integrals(points, c, b, c(i))
+    end do
+    table%from(:s, s + 1) = table%from(:s, 1)
+    table%weights(1, :s, s + 1) = b*(1.0_wp - c)
+    table%weights(2, :s, s + 1) = b
+  end subroutine gauss
+
+  !> Weights of values at points in the integrals over [0, x], of (x - t) times their polynomial
+  !! and of the polynomial itself; c and b: Gauss's rule of as many nodes, exact for them.
+  pure function integrals(points, c, b, x) result(weights)
+    real(wp), intent(in) :: points(:), c(:), b(:), x
+    real(wp) :: weights(2, size(points)), factors(size(points)), values(size(points))
+    integer :: q
+
+    weights = 0.0_wp
+    factors = lagrange_factors(points)
+    do q = 1, size(c)
+      values = x*b(q)*lagrange(points, factors, x*c(q))
+      weights(1, :) = weights(1, :) + x*(1.0_wp - c(q))*values
+      weights(2, :) = weights(2, :) + values
+    end do
+  end function integrals
 
   !> Keep the terms that are not zero.
   pure subroutine list_terms(table, i, in_q, in_v)

@@ -1,6 +1,6 @@
 !> The &ensemble group of a scene.
 module viscovib_ensemble_groups
-  use viscovib_explicit_tables, only: explicit_names
+  use viscovib_explicit_tables, only: lane_methods
   use viscovib_grids, only: linear_grid
   use viscovib_group_reader, only: group_reader
   use viscovib_kinds, only: wp
@@ -54,7 +54,7 @@ contains
     if (reader%status%failed()) return
     job%dt = reader%read_real('dt', 0.0_wp)
     job%tolerance = reader%read_real('tolerance', 1.0e-8_wp)
-    word = reader%read_text('method', 'verner9', explicit_names, job%method)
+    word = reader%read_text('method', 'verner9', lane_methods, job%method)
     place = 1
     word = reader%read_text('lyapunov', 'no', [character(len=3) :: 'no', 'yes'], place)
     job%lyapunov = place == 2

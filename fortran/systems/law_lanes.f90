@@ -102,19 +102,24 @@ contains
     real(wp), intent(in) :: number
     real(wp), intent(inout) :: x(n_lanes, 3)
     real(wp) :: other(n_lanes), by(2)
+    logical :: inside(n_lanes)
     integer :: l
 
     select case (code)
     case (f_sin, f_cos)
-      if (all(abs(x(:, 1)) <= largest_angle)) then
-        if (code == f_sin) then
-          call sine_cosine_lanes(x(:, 1), other, x(:, 2))
-        else
-          call sine_cosine_lanes(x(:, 1), x(:, 2), other)
-        end if
-        x(:, 1) = other
-        return
+      inside = abs(x(:, 1)) <= largest_angle
+      x(:, 2) = merge(x(:, 1), 0.0_wp, inside)
+      if (code == f_sin) then
+        call sine_cosine_lanes(x(:, 2), other, x(:, 3))
+      else
+        call sine_cosine_lanes(x(:, 2), x(:, 3), other)
       end if
+      ! Lane by lane, so that none depends on what the others hold.
+      do l = 1, n_lanes
+        if (.not. inside(l)) call of_one(code, number, x(l, 1), other(l), by(1))
+      end do
+      x(:, 1) = other
+      return
     case (f_exp)
       call exponential_lanes(min(max(x(:, 1), -700.0_wp), steepest), other)
       x(:, 1) = merge(wall, other, x(:, 1) > steepest)
@@ -132,12 +137,9 @@ contains
       x(:, 1) = merge(wall, other, x(:, 1) < 0.0_wp)
       return
     case (known_power)
-      if (abs(number) <= highest_power .and. abs(2.0_wp*number - anint(2.0_wp*number)) <= 0.0_wp &
-          .and. all(abs(x(:, 1)) > 1.0e-4_wp .and. abs(x(:, 1)) < 1.0e4_wp)) then
-        if (mod(nint(2.0_wp*number), 2) == 0 .or. all(x(:, 1) > 0.0_wp)) then
-          call raise(nint(2.0_wp*number), x)
-          return
-        end if
+      if (abs(number) <= highest_power .and. abs(2.0_wp*number - anint(2.0_wp*number)) <= 0.0_wp) then
+        call raise(number, x)
+        return
       end if
     case default
       other = 0.0_wp
@@ -154,23 +156,34 @@ contains
     x(:, 1) = other
   end subroutine transcend
 
-  !> x^(halves/2), of numbers whose powers are in range.
-  pure subroutine raise(halves, x)
-    integer, intent(in) :: halves
+  !> x^number, twice which is whole: by products where the power is in range, in a lane whatever the
+  !! others hold.
+  pure subroutine raise(number, x)
+    real(wp), intent(in) :: number
     real(wp), intent(inout) :: x(n_lanes, 3)
-    real(wp) :: product(n_lanes), factor(n_lanes)
-    integer :: n
+    real(wp) :: product(n_lanes), factor(n_lanes), power, by
+    logical :: half, inside(n_lanes)
+    integer :: l, n
 
-    n = abs(halves)/2
+    n = abs(nint(2.0_wp*number))
+    half = mod(n, 2) == 1
+    n = n/2
+    inside = abs(x(:, 1)) > 1.0e-4_wp .and. abs(x(:, 1)) < 1.0e4_wp
+    if (half) inside = inside .and. x(:, 1) > 0.0_wp
+    factor = merge(x(:, 1), 1.0_wp, inside)
     product = 1.0_wp
-    if (mod(abs(halves), 2) == 1) product = sqrt(x(:, 1))
-    factor = x(:, 1)
+    if (half) product = sqrt(factor)
     do while (n > 0)
       if (mod(n, 2) == 1) product = product*factor
       n = n/2
       if (n > 0) factor = factor*factor
     end do
-    if (halves < 0) product = 1.0_wp/product
+    if (number < 0.0_wp) product = 1.0_wp/product
+    do l = 1, n_lanes
+      if (inside(l)) cycle
+      call of_one(known_power, number, x(l, 1), power, by)
+      product(l) = power
+    end do
     x(:, 1) = product
   end subroutine raise
 

@@ -27,7 +27,7 @@ module viscovib_ensemble
 
   !> What to do with every trajectory.
   type :: ensemble_job
-    !> Place in `explicit_names`.
+    !> Place in `lane_methods`.
     integer :: method = 3
     !> Steps in all; those before anything is gathered; between samples; between
     !! two points of a section (0: none wanted).
@@ -203,10 +203,19 @@ contains
         call f%others(l)%step(system)
       end do
     end if
-    good = sum(abs(f%q(:, :f%n)), 2) + speed_weight*sum(abs(f%v(:, :f%n)), 2) <= largest_angle
+    good = f%method%made
+    if (allocated(f%others)) then
+      do l = 1, size(f%others)
+        good = good .and. f%others(l)%made
+      end do
+    end if
+    good = good .and. sum(abs(f%q(:, :f%n)), 2) + speed_weight*sum(abs(f%v(:, :f%n)), 2) <= largest_angle
     call measure_margin(f, system, block%h)
     doubtful = f%alive .and. .not. (good .and. least_between(margin_before, rate_before, f%margin, &
                                                              f%rate) > 0.0_wp)
+    if (system%limited .and. f%method%table%implicit) then
+      doubtful = doubtful .or. (f%alive .and. f%method%margin_at_nodes(system) <= 0.0_wp)
+    end if
     ! Beside the edge motions are stiff, and steps of explicit methods wrong.
     doubtful = doubtful .or. (f%alive .and. margin_before <= near)
     if (.not. any(doubtful)) return

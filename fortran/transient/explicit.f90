@@ -1,12 +1,14 @@
-!> Explicit Runge-Kutta in fixed steps, trajectories side by side in the lanes of
-!! the vector unit. Each lane may have its own step and its own load frequencies,
-!! and does the same arithmetic whatever its neighbours are.
+!> Runge-Kutta in fixed steps, trajectories side by side in the lanes of the vector unit: explicit
+!! methods, and collocations whose stages are iterated. Each lane may have its own step and its own
+!! load frequencies, and does the same arithmetic whatever its neighbours are.
 module viscovib_explicit
   use viscovib_aligned, only: alignment_slack, first_aligned, settle
   use viscovib_counters, only: count_up, counted_accelerations, counting
   use viscovib_driven_system, only: driven_system_type
   use viscovib_explicit_tables, only: explicit_table_type, new_explicit_table
   use viscovib_kinds, only: i8, wp
+  use viscovib_lane_collocation, only: at_work, exchange_lanes, is_solved, judge_sweep, max_sweeps, &
+    start_lanes
   use viscovib_lanes, only: max_dof, n_lanes
   use viscovib_phases, only: split_phase, step_phase, turn_phase
   use viscovib_stage_kernels, only: end_of_step, stage_states, stage_sums, turn_drives
@@ -20,7 +22,9 @@ module viscovib_explicit
   type :: room_plan
     integer :: h = 1, q = 0, v = 0, q_rest = 0, v_rest = 0, in_q = 0, in_v = 0, stage_q = 0
     integer :: stage_v = 0, drive = 0, cosine = 0, sine = 0, stage_cosine = 0, stage_sine = 0
-    integer :: f = 0, n_columns = 0
+    !> Of collocations only: accelerations of the step before (behind f), accelerations to be, and
+    !! coordinates at the nodes.
+    integer :: f = 0, f_old = 0, f_new = 0, node_q = 0, n_columns = 0
   end type room_plan
 
   type :: explicit_type
@@ -30,6 +34,10 @@ module viscovib_explicit
     real(wp) :: since = 0.0_wp
     !> Evaluations of a block of lanes, all told.
     integer(i8) :: n_evaluations = 0
+    !> Lanes whose equations the last step could solve; all of an explicit method.
+    logical :: made(n_lanes) = .true.
+    !> Lanes that have no accelerations of a step before, to predict the next from.
+    logical, private :: fresh(n_lanes) = .true.
     !> Load phases and their growth in a step, in two parts, shape (n_lanes, n).
     real(wp), allocatable, private :: high(:, :), low(:, :), step_high(:, :), step_low(:, :)
     type(room_plan), private :: plan
@@ -49,7 +57,13 @@ module viscovib_explicit
     procedure :: save_lane
     procedure :: load_lane
     procedure :: stop_lane
+    procedure :: margin_at_nodes
     procedure, private :: step_in_room
+    procedure, private :: stage
+    procedure, private :: solve
+    procedure, private :: predict
+    procedure, private :: iterate
+    procedure, private :: margin_in_room
     procedure, private :: place
   end type explicit_type
 
@@ -59,7 +73,7 @@ contains
   subroutine new_explicit(method, n_dof, which, frequencies, q, v, start, h)
     type(explicit_type), intent(out) :: method
     integer, intent(in) :: n_dof
-    !> Place in `explicit_names`.
+    !> Place in `lane_methods`.
     integer, intent(in) :: which
     !> Circular frequencies of the loads, shape (n_lanes, n_drives).
     real(wp), intent(in) :: frequencies(:, :)
@@ -72,7 +86,7 @@ contains
     method%n_dof = n_dof
     n = size(frequencies, 2)
     method%n_drives = n
-    method%plan = new_room_plan(n, method%table%n_stages)
+    method%plan = new_room_plan(n, method%table%n_stages, method%table%implicit)
     allocate (method%room(n_lanes*method%plan%n_columns + alignment_slack), source=0.0_wp)
     method%first = first_aligned(method%room)
     allocate (method%high(n_lanes, n), method%low(n_lanes, n))
@@ -100,6 +114,7 @@ contains
     class(explicit_type), intent(inout) :: self
     real(wp), intent(in) :: frequencies(:, :), h(n_lanes)
     call settle(self%room, self%first)
+    self%fresh = .true.
     call split_phase(frequencies, spread(h, 2, size(frequencies, 2)), self%step_high, &
                      self%step_low)
     call furnish(self%table, self%plan, frequencies, h, self%room(self%first))
@@ -138,8 +153,9 @@ contains
     end do
   end subroutine furnish
 
-  pure type(room_plan) function new_room_plan(n_drives, n_stages) result(plan)
+  pure type(room_plan) function new_room_plan(n_drives, n_stages, implicit) result(plan)
     integer, intent(in) :: n_drives, n_stages
+    logical, intent(in) :: implicit
     plan%q = plan%h + 1
     plan%v = plan%q + max_dof
     plan%q_rest = plan%v + max_dof
@@ -155,6 +171,11 @@ contains
     plan%stage_sine = plan%stage_cosine + n_drives*n_stages
     plan%f = plan%stage_sine + n_drives*n_stages
     plan%n_columns = plan%f + max_dof*n_stages - 1
+    if (.not. implicit) return
+    plan%f_old = plan%n_columns + 1
+    plan%f_new = plan%f_old + max_dof*n_stages
+    plan%node_q = plan%f_new + max_dof
+    plan%n_columns = plan%node_q + max_dof*n_stages - 1
   end function new_room_plan
 
   !> One step of every lane. Nothing is checked: a lane that overflows holds
@@ -164,32 +185,26 @@ contains
     class(driven_system_type), intent(in) :: system
     call self%step_in_room(system, self%room(self%first))
     call step_phase(self%high, self%low, self%step_high, self%step_low)
-    self%n_evaluations = self%n_evaluations + self%table%n_stages
-    if (counting) call count_up(counted_accelerations, self%table%n_stages)
   end subroutine step
 
   subroutine step_in_room(self, system, room)
-    class(explicit_type), intent(in) :: self
+    class(explicit_type), intent(inout) :: self
     class(driven_system_type), intent(in) :: system
     real(wp), intent(inout) :: room(n_lanes, self%plan%n_columns)
-    integer :: i, n, m
+    integer :: i, n
 
     n = self%n_dof
-    m = self%n_drives
     associate (p => self%plan, t => self%table)
-      call phase_cosines(m, self%high, self%low, room(1, p%cosine), room(1, p%sine))
-      do i = 1, t%n_stages
-        call stage_sums(n, t%n_terms(i), t%from(1, i), t%weights(1, 1, i), room(1, p%f), &
-                        room(1, p%in_q), room(1, p%in_v))
-        call stage_states(n, t%c(i), room(1, p%h), room(1, p%q), room(1, p%v), room(1, p%in_q), &
-                          room(1, p%in_v), room(1, p%stage_q), room(1, p%stage_v))
-        call turn_drives(m, room(1, p%cosine), room(1, p%sine), &
-                         room(1, p%stage_cosine + m*(i - 1)), room(1, p%stage_sine + m*(i - 1)), &
-                         room(1, p%drive))
-        if (system%timed) room(:, p%drive + m - 1) = self%since + t%c(i)*room(:, p%h)
-        call system%acceleration(room(1, p%stage_q), room(1, p%stage_v), room(1, p%drive), &
-                                 room(1, p%f + max_dof*(i - 1)))
-      end do
+      call phase_cosines(self%n_drives, self%high, self%low, room(1, p%cosine), room(1, p%sine))
+      if (t%implicit) then
+        call self%solve(system, room)
+      else
+        do i = 1, t%n_stages
+          call self%stage(system, i, t%n_terms(i), t%from(1, i), t%weights(1, 1, i), room, &
+                          room(1, p%f + max_dof*(i - 1)))
+        end do
+        call count_stages(self, t%n_stages)
+      end if
       i = t%n_stages + 1
       call stage_sums(n, t%n_terms(i), t%from(1, i), t%weights(1, 1, i), room(1, p%f), &
                       room(1, p%in_q), room(1, p%in_v))
@@ -197,6 +212,157 @@ contains
                        room(1, p%v), room(1, p%q_rest), room(1, p%v_rest))
     end associate
   end subroutine step_in_room
+
+  subroutine count_stages(self, n)
+    class(explicit_type), intent(inout) :: self
+    integer, intent(in) :: n
+    self%n_evaluations = self%n_evaluations + n
+    if (counting) call count_up(counted_accelerations, n)
+  end subroutine count_stages
+
+  !> Accelerations of stage i, from those of others and their weights.
+  subroutine stage(self, system, i, n_terms, from, weights, room, f)
+    class(explicit_type), intent(in) :: self
+    class(driven_system_type), intent(in) :: system
+    integer, intent(in) :: i, n_terms, from(n_terms)
+    real(wp), intent(in) :: weights(2, n_terms)
+    real(wp), intent(inout) :: room(n_lanes, self%plan%n_columns), f(n_lanes, max_dof)
+    integer :: m, n
+
+    n = self%n_dof
+    m = self%n_drives
+    associate (p => self%plan, t => self%table)
+      call stage_sums(n, n_terms, from, weights, room(1, p%f), room(1, p%in_q), room(1, p%in_v))
+      call stage_states(n, t%c(i), room(1, p%h), room(1, p%q), room(1, p%v), room(1, p%in_q), &
+                        room(1, p%in_v), room(1, p%stage_q), room(1, p%stage_v))
+      call turn_drives(m, room(1, p%cosine), room(1, p%sine), &
+                       room(1, p%stage_cosine + m*(i - 1)), room(1, p%stage_sine + m*(i - 1)), &
+                       room(1, p%drive))
+      if (system%timed) room(:, p%drive + m - 1) = self%since + t%c(i)*room(:, p%h)
+      call system%acceleration(room(1, p%stage_q), room(1, p%stage_v), room(1, p%drive), f)
+    end associate
+  end subroutine stage
+
+  !> Accelerations at the nodes of a collocation, predicted by those of the step before; in lanes
+  !! where that fails by those at the start of the step.
+  subroutine solve(self, system, room)
+    class(explicit_type), intent(inout) :: self
+    class(driven_system_type), intent(in) :: system
+    real(wp), intent(inout) :: room(n_lanes, self%plan%n_columns)
+    real(wp) :: state(n_lanes)
+    logical :: constant(n_lanes), again(n_lanes)
+
+    associate (p => self%plan)
+      room(:, p%f_old:p%f_new - 1) = room(:, p%f:p%f_old - 1)
+    end associate
+    state = merge(is_solved, at_work, self%fresh)
+    if (.not. all(self%fresh)) call self%predict(system, room, state)
+    constant = state < at_work
+    if (any(constant)) call start_again(self, system, constant, room)
+    state = at_work
+    call self%iterate(system, room, state)
+    again = .not. (abs(state - is_solved) <= 0.0_wp .or. constant)
+    if (any(again)) then
+      call start_again(self, system, again, room)
+      state = merge(at_work, state, again)
+      call self%iterate(system, room, state)
+    end if
+    self%made = abs(state - is_solved) <= 0.0_wp
+    self%fresh = .not. self%made
+  end subroutine solve
+
+  !> Let some lanes begin with the accelerations at the start of the step.
+  subroutine start_again(self, system, lanes, room)
+    class(explicit_type), intent(inout) :: self
+    class(driven_system_type), intent(in) :: system
+    logical, intent(in) :: lanes(n_lanes)
+    real(wp), intent(inout) :: room(n_lanes, self%plan%n_columns)
+    associate (p => self%plan)
+      call turn_drives(self%n_drives, room(1, p%cosine), room(1, p%sine), &
+                       0.0_wp*room(:, p%sine:p%stage_cosine - 1) + 1.0_wp, &
+                       0.0_wp*room(:, p%sine:p%stage_cosine - 1), room(1, p%drive))
+      if (system%timed) room(:, p%drive + self%n_drives - 1) = self%since
+      call system%acceleration(room(1, p%q), room(1, p%v), room(1, p%drive), room(1, p%f_new))
+      call count_stages(self, 1)
+      call start_lanes(self%table%n_stages, self%n_dof, lanes, room(1, p%f_new), room(1, p%f))
+    end associate
+  end subroutine start_again
+
+  !> The first sweep over the nodes, of lanes at work.
+  subroutine predict(self, system, room, state)
+    class(explicit_type), intent(inout) :: self
+    class(driven_system_type), intent(in) :: system
+    real(wp), intent(inout) :: room(n_lanes, self%plan%n_columns), state(n_lanes)
+    real(wp), dimension(n_lanes) :: change, total
+    integer :: i
+
+    change = 0.0_wp
+    total = 0.0_wp
+    associate (p => self%plan, t => self%table)
+      do i = 1, t%n_stages
+        call self%stage(system, i, t%n_first, t%first_from(1, i), t%first_weights(1, 1, i), room, &
+                        room(1, p%f_new))
+        call exchange_lanes(self%n_dof, room(1, p%f_new), room(1, p%f + max_dof*(i - 1)), state, &
+                            change, total)
+      end do
+      call count_stages(self, t%n_stages)
+    end associate
+  end subroutine predict
+
+  !> Sweeps over the nodes until every lane at work is solved or has run away.
+  subroutine iterate(self, system, room, state)
+    class(explicit_type), intent(inout) :: self
+    class(driven_system_type), intent(in) :: system
+    real(wp), intent(inout) :: room(n_lanes, self%plan%n_columns), state(n_lanes)
+    real(wp), dimension(n_lanes) :: change, before, total, scale
+    integer :: d, i, k
+
+    scale = 0.0_wp
+    associate (p => self%plan, t => self%table)
+      do d = 0, self%n_dof - 1
+        scale = scale + abs(room(:, p%q + d)) + abs(room(:, p%h)*room(:, p%v + d))
+      end do
+      before = 0.0_wp
+      do k = 1, max_sweeps
+        change = 0.0_wp
+        total = 0.0_wp
+        do i = 1, t%n_stages
+          call self%stage(system, i, t%n_terms(i), t%from(1, i), t%weights(1, 1, i), room, &
+                          room(1, p%f_new))
+          room(:, p%node_q + max_dof*(i - 1):p%node_q + max_dof*(i - 1) + self%n_dof - 1) = &
+            room(:, p%stage_q:p%stage_q + self%n_dof - 1)
+          call exchange_lanes(self%n_dof, room(1, p%f_new), room(1, p%f + max_dof*(i - 1)), state, &
+                              change, total)
+        end do
+        call count_stages(self, t%n_stages)
+        call judge_sweep(k, t%n_stages, room(1, p%h), scale, change, before, total, state)
+        if (.not. any(state >= at_work)) exit
+        before = change
+      end do
+    end associate
+  end subroutine iterate
+
+  !> Least margin of the system at the nodes of the last step of a collocation, a lane each.
+  function margin_at_nodes(self, system) result(least)
+    class(explicit_type), intent(in) :: self
+    class(driven_system_type), intent(in) :: system
+    real(wp) :: least(n_lanes)
+    least = self%margin_in_room(system, self%room(self%first))
+  end function margin_at_nodes
+
+  function margin_in_room(self, system, room) result(least)
+    class(explicit_type), intent(in) :: self
+    class(driven_system_type), intent(in) :: system
+    real(wp), intent(in) :: room(n_lanes, self%plan%n_columns)
+    real(wp) :: least(n_lanes)
+    integer :: first, i
+
+    least = huge(1.0_wp)
+    do i = 1, self%table%n_stages
+      first = self%plan%node_q + max_dof*(i - 1)
+      least = min(least, system%margin(room(:, first:first + self%n_dof - 1)))
+    end do
+  end function margin_in_room
 
   !> cos and sin of phases in two parts.
   pure subroutine phase_cosines(n, high, low, cosine, sine)
@@ -238,6 +404,7 @@ contains
     integer, intent(in) :: lane
     real(wp), intent(in) :: q(:), v(:)
     integer :: d
+    self%fresh(lane) = .true.
     associate (p => self%plan)
       do d = 1, size(q)
         self%room(self%place(p%q + d - 1) + lane) = q(d)
@@ -255,6 +422,7 @@ contains
     !> Shape (n_lanes, n_dof).
     real(wp), intent(in) :: q(:, :), v(:, :)
     integer :: d
+    self%fresh = .true.
     associate (p => self%plan, room => self%room)
       do d = first, self%n_dof
         room(self%place(p%q + d - 1) + 1:self%place(p%q + d)) = q(:, d)
@@ -272,9 +440,14 @@ contains
     integer, intent(in) :: first
     real(wp), intent(in) :: factors(n_lanes)
     integer :: d, i, at
-    do i = 0, 3
-      do d = first, self%n_dof
+    do d = first, self%n_dof
+      do i = 0, 3
         at = self%place(self%plan%q + max_dof*i + d - 1)
+        self%room(at + 1:at + n_lanes) = factors*self%room(at + 1:at + n_lanes)
+      end do
+      ! Accelerations predict those of the next step: a disturbance's are proportional to it.
+      do i = 0, self%table%n_stages - 1
+        at = self%place(self%plan%f + max_dof*i + d - 1)
         self%room(at + 1:at + n_lanes) = factors*self%room(at + 1:at + n_lanes)
       end do
     end do

@@ -36,6 +36,23 @@ def _duffing(scale, start, times):
     return run.y
 
 
+def test_collocation_side_by_side(solve, tmp_path):
+    """The same by Gauss's nodes; a step that cannot be solved is told."""
+    assert " method=" not in MANY
+    text = MANY.replace("&ensemble ", "&ensemble method='gauss8' ")
+    table = _run(solve, tmp_path, text)
+    period = 2 * np.pi / 1.2
+    x, v = _duffing(table["load_scale"][4], [0.1, 0.2], period * np.arange(1, 5))
+    assert table["x"][4] == pytest.approx(x[-1], abs=2e-9)
+    assert table["x_dot"][4] == pytest.approx(v[-1], abs=2e-9)
+    scene = tmp_path / "many.nml"
+    scene.write_text(text.replace("initial=0.1 0.2", "initial=60 0.2 dt=0.9"))
+    done = solve(scene, "--out", tmp_path)
+    assert (done.returncode, done.stderr) == (1, "")
+    table = read_csv(tmp_path / "many_ensemble.csv")
+    assert set(table["outcome"]) == {"step too large"}
+
+
 def test_motions_and_sections(solve, tmp_path):
     """Last states and sections are those of single motions by SciPy."""
     table = _run(solve, tmp_path, MANY)

@@ -205,7 +205,7 @@ def test_interrupt_stops_the_threads(monkeypatch):
         ({"dt": np.inf}, "dt = inf: must be a finite number"),
         ({"dt": 11}, "must be greater than 0 and not exceed"),
         ({"discard": 10}, "discard = 10: must be less than t_end = 10"),
-        ({"method": "gauss8"}, "method = 'gauss8': must be one of 'auto', 'rk4'"),
+        ({"method": "gauss3"}, "method = 'gauss3': must be one of 'auto', 'rk4'"),
         ({"sections": 4}, "sections = 4: must be 1 to 3"),
         ({"sections": 1, "system": free()}, "p1 must be greater than 0"),
         ({"amplitudes_at": [0.0]}, "amplitudes_at: must be greater than 0"),

@@ -18,7 +18,7 @@ from viscovib.analyses.accuracy import Accuracy, rounding_of
 from viscovib.analyses.events import Event
 from viscovib.analyses.gathering import members_of
 from viscovib.analyses.members import Members
-from viscovib.analyses.memoryless import EXPLICIT
+from viscovib.analyses.memoryless import SIDE_BY_SIDE
 from viscovib.analyses.runs import LOCATED, hopeless
 from viscovib.analyses.singles import SingleMembers
 from viscovib.common.counts import things
@@ -97,9 +97,11 @@ def simulate_ensemble(
         "nu", "load_scale" and its numbers. Parameters of laws and elements make it go run by run.
     load, nu
         Not of a pendulum: as for `simulate`.
-    method : {"auto", "rk4", "dop8", "verner8", "verner9"}
-        "auto" is "verner9", the fastest from 1e-6 on and free of rounding down to 1e-14. Run by
-        run: any method of `simulate`, "auto" as there.
+    method : {"auto", "rk4", "dop8", "verner8", "verner9", "gauss8", "gauss16"}
+        "auto" is "verner9", free of rounding down to 1e-14. Gauss's collocations of order 16 and
+        32 take larger steps, whose equations are solved to rounding: of a pendulum "gauss8" is
+        the fastest from about 1e-9 on. A step that cannot be solved ends its run ("step too
+        large"). Run by run: any method of `simulate`, "auto" as there.
     discard : float
         Nothing is gathered before this time (or this many periods, with ``n_periods``).
     statistics : bool
@@ -145,7 +147,7 @@ def simulate_ensemble(
         surface, sections = (Event(sections) if isinstance(sections, str) else sections), None
     members = members_of(system, initial, parameters, load, nu, method, surface, lyapunov)
     exponents = _exponents(members, lyapunov)
-    place = EXPLICIT.get(members.method_name, 0)
+    place = SIDE_BY_SIDE.get(members.method_name, 0)
     wanted = Accuracy.checked(tolerance, rtol, atol, 1e-8)
     assert wanted is not None
     every = _native.integer("sample_every", sample_every, 1, _MAX_STEPS)

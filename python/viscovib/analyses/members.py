@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from viscovib import _native
 from viscovib._native import FloatArray, core
-from viscovib.analyses.memoryless import EXPLICIT, checked_state
+from viscovib.analyses.memoryless import SIDE_BY_SIDE, checked_state
 from viscovib.analyses.runs import MAX_STEPS
 from viscovib.errors import InputError
 from viscovib.systems.load import LoadLike, load_series
@@ -64,7 +64,7 @@ class PendulumMembers(Members):
         given: Mapping[str, npt.ArrayLike],
         method: str,
     ) -> None:
-        self.dof_names, self.method_name = system.dof_names, _explicit(method)
+        self.dof_names, self.method_name = system.dof_names, _side_by_side(method)
         for name in given:
             if name not in PARAMETERS:
                 raise InputError(
@@ -109,7 +109,7 @@ class PolynomialMembers(Members):
         method: str,
     ) -> None:
         d = len(system.dof_names)
-        self.dof_names, self.method_name = system.dof_names, _explicit(method)
+        self.dof_names, self.method_name = system.dof_names, _side_by_side(method)
         if "forces_scale" in given and any(group.laws for group in system.groups):
             raise InputError("parameters: 'forces_scale' must not scale laws with functions")
         self.system = system
@@ -161,8 +161,8 @@ class PolynomialMembers(Members):
         )  # fmt: skip
 
 
-def _explicit(method: str) -> str:
-    name = _native.choice("method", method, ("auto", *EXPLICIT))
+def _side_by_side(method: str) -> str:
+    name = _native.choice("method", method, ("auto", *SIDE_BY_SIDE))
     return "verner9" if name == "auto" else name
 
 

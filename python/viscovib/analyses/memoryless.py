@@ -23,6 +23,8 @@ from viscovib.systems.polynomial_system import PolynomialSystem
 
 #: Explicit methods by their place in the core.
 EXPLICIT = {"rk4": 1, "dop8": 2, "verner8": 3, "verner9": 4}
+#: Those of many motions side by side.
+SIDE_BY_SIDE = EXPLICIT | {"gauss8": 5, "gauss16": 6}
 #: All methods by their place in the core.
 METHODS = {"gauss8": 1, "gauss16": 2, "gauss2": 3, "gauss3": 4} | {
     name: place + 4 for name, place in EXPLICIT.items()
