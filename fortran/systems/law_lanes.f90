@@ -137,7 +137,8 @@ contains
       x(:, 1) = merge(wall, other, x(:, 1) < 0.0_wp)
       return
     case (known_power)
-      if (abs(number) <= highest_power .and. abs(2.0_wp*number - anint(2.0_wp*number)) <= 0.0_wp) then
+      if (abs(number) <= highest_power &
+          .and. abs(2.0_wp*number - anint(2.0_wp*number)) <= 0.0_wp) then
         call raise(number, x)
         return
       end if

@@ -209,7 +209,8 @@ contains
         good = good .and. f%others(l)%made
       end do
     end if
-    good = good .and. sum(abs(f%q(:, :f%n)), 2) + speed_weight*sum(abs(f%v(:, :f%n)), 2) <= largest_angle
+    good = good .and. sum(abs(f%q(:, :f%n)), 2) + speed_weight*sum(abs(f%v(:, :f%n)), 2) &
+           <= largest_angle
     call measure_margin(f, system, block%h)
     doubtful = f%alive .and. .not. (good .and. least_between(margin_before, rate_before, f%margin, &
                                                              f%rate) > 0.0_wp)

@@ -7,8 +7,8 @@ module viscovib_explicit
   use viscovib_driven_system, only: driven_system_type
   use viscovib_explicit_tables, only: explicit_table_type, new_explicit_table
   use viscovib_kinds, only: i8, wp
-  use viscovib_lane_collocation, only: at_work, exchange_lanes, is_solved, judge_sweep, max_sweeps, &
-    start_lanes
+  use viscovib_lane_collocation, only: at_work, exchange_lanes, is_solved, judge_sweep, &
+    max_sweeps, start_lanes
   use viscovib_lanes, only: max_dof, n_lanes
   use viscovib_phases, only: split_phase, step_phase, turn_phase
   use viscovib_stage_kernels, only: end_of_step, stage_states, stage_sums, turn_drives

@@ -92,14 +92,14 @@ contains
 
   !> Inside and outside the domain of each function.
   subroutine compare_laws()
-    character(len=*), parameter :: texts(18) = [character(len=48) :: &
-      'sin(x)*cos(y) - x/y', 'exp(x) + tanh(3*y)', 'log(x)', 'sqrt(y) + x^2', 'x^(-1.5) + y^3', &
+    character(len=*), parameter :: texts(19) = [character(len=48) :: &
+      'sin(x)*cos(y) - x/y', 'exp(x) + tanh(3*y)', 'log(x)', 'sqrt(y) + x^2', 'x^(-1.5)', 'y^3', &
       'x^0.7', 'abs(x - y) + sign(x*y)', 'min(x, y) - max(x, 0.3)', 'where(x > y, x, y^5)', &
       '(x < y) + (x <= 0) + (y >= x)', 'heaviside(x)*y', 'asin(x) + atan(y)', 'sinh(x) - cosh(y)', &
       'atan2(x, y)', 'pow(abs(x), y)', 'x/(x^2 + 0.1)^1.5', 'exp(200*x)', 'acosh(y) + atanh(x)']
     type(law_program) :: law
     character(len=:), allocatable :: fault
-    real(wp) :: at(n_lanes, 2), one(n_lanes), other(n_lanes)
+    real(wp) :: at(n_lanes, 2), one(n_lanes), other(n_lanes), alone(n_lanes)
     integer :: degree, i, k, l, parity
 
     do i = 1, size(texts)
@@ -111,9 +111,12 @@ contains
         at(:, 2) = [(3.0_wp*cos(1.9_wp*(n_lanes*k + l)), l=1, n_lanes)]
         if (mod(k, 5) == 0) at(3:5, 1) = 0.0_wp
         if (mod(k, 7) == 0) at(4:6, 2) = 0.0_wp
+        if (mod(k, 6) == 0) at(2, :) = 1.0e7_wp
         call law%evaluate(at, one)
         call evaluate_lanes(law, at, other)
         do l = 1, n_lanes
+          call evaluate_lanes(law, spread(at(l, :), 1, n_lanes), alone)
+          call check(abs(alone(l) - other(l)) <= 0.0_wp, 'alone as beside others: '//trim(texts(i)))
           call check_close(other(l), one(l), 2.0e-15_wp, trim(texts(i)), floor=1.0_wp)
         end do
       end do
