@@ -109,7 +109,8 @@ contains
   end subroutine new_tabulated
 
   !> log(a/b) for positive a and b, to rounding where they are alike too: a - b is exact there,
-  !! and the quotient a/b is not. A last rate of 1e-3 loses three digits else, and the integral with it.
+  !! and the quotient a/b is not. A last rate of 1e-3 loses three digits else, and the integral with
+  !! it.
   elemental real(wp) function log_ratio(a, b)
     real(wp), intent(in) :: a, b
     if (a <= 2.0_wp*b .and. b <= 2.0_wp*a) then
