@@ -156,7 +156,7 @@ contains
     !> Deflections that H and J stand for.
     integer, intent(in) :: places(:)
     complex(wp) :: x(size(places), size(places)), kept(1, size(kernel_of_group)), slope
-    integer :: b, c, i, j, q
+    integer :: b, i, j, q
 
     kept = retained_of(system, kernel_of_group, [s])
     strength = 0.0_wp
