@@ -33,13 +33,15 @@ module viscovib_motion_defect
     !> False: more angles than are sampled, nothing is known.
     logical :: known = .true.
     real(wp), allocatable :: frequency(:)
+    !> What the frame makes of it: the phase of the wave at time t is this times t.
+    real(wp), allocatable :: phase_rate(:)
     !> U_h, shape (n, n_waves), and g_jh, shape (n_modes, n_waves).
     complex(wp), allocatable :: u(:, :), rates(:, :)
   end type defect_type
 
 contains
 
-  subroutine find_defect(scales, full, a, defect, band)
+  subroutine find_defect(scales, full, a, defect, band, turns)
     type(multiple_scales_type), intent(in) :: scales
     !> The system itself, in the caller's units; not allocated: the form is all of it.
     class(full_system_type), intent(in), optional :: full
@@ -48,23 +50,27 @@ contains
     type(defect_type), intent(out) :: defect
     !> Waves this near to a mode, in parts of its frequency, are in g; else by the tolerance.
     real(wp), intent(in), optional :: band
+    !> As in `find_angles`.
+    real(wp), intent(in), optional :: turns(:)
     type(angles_type) :: angles
     real(wp), allocatable :: y(:, :, :), load(:, :), e(:, :), w(:, :, :)
     integer, allocatable :: orders(:, :)
     integer :: step(max_angles), n, i, round
 
-    call find_angles(scales, a, angles)
+    call find_angles(scales, a, angles, turns)
     defect%known = angles%n <= max_angles
     if (.not. defect%known) return
     call lattice_of(angles%n, n, step)
     call list_orders(angles%n, orders)
     defect%n = size(orders, 2)
     associate (form => scales%form, m => angles%n)
-      allocate (defect%frequency(defect%n), defect%rates(scales%flow%n_modes, defect%n))
+      allocate (defect%frequency(defect%n), defect%phase_rate(defect%n), &
+                defect%rates(scales%flow%n_modes, defect%n))
       allocate (defect%u(form%n, defect%n), source=(0.0_wp, 0.0_wp))
       do i = 1, defect%n
-        defect%frequency(i) = sum(orders(:m, i)*angles%frequency(:m))
+        defect%frequency(i) = sum(orders(:m, i)*angles%whole(:m))
         if (defect%frequency(i) < 0.0_wp) orders(:, i) = -orders(:, i)
+        defect%phase_rate(i) = sum(orders(:m, i)*angles%frequency(:m))
       end do
       defect%frequency = abs(defect%frequency)
       allocate (y(n, form%n, 0:2), load(n, size(form%drives)), e(n, form%n), &
@@ -200,7 +206,7 @@ contains
     real(wp), intent(in), optional :: band
     complex(wp) :: root(0:size(y, 1) - 1), rates(2*scales%normal%n_generators)
     complex(wp) :: waves(scales%form%n), u(scales%form%n), s
-    real(wp) :: slowest
+    real(wp) :: slowest, whole(scales%flow%n_modes)
     integer :: points, i, k
     logical :: acts(2*scales%normal%n_generators), singular
 
@@ -209,10 +215,14 @@ contains
     ! The mean of a kernel without integral is taken where it exists.
     slowest = 0.0_wp
     if (scales%form%has_memory()) slowest = 1.0e-6_wp*maxval(abs(scales%flow%s))
+    whole = scales%flow%frame
+    do k = 1, size(whole)
+      if (angles%of_mode(k) > 0) whole(k) = angles%whole(angles%of_mode(k))
+    end do
     do i = 1, defect%n
       call take_waves()
       s = cmplx(0.0_wp, max(defect%frequency(i), slowest), wp)
-      acts = scales%normal%near_modes(defect%frequency(i), scales%flow%frame, band)
+      acts = scales%normal%near_modes(defect%frequency(i), whole, band)
       call scales%normal%answer(scales%form, s, -waves, acts, u, rates, singular)
       defect%rates(:, i) = rates(:scales%flow%n_modes)
       ! A stiffness that vanishes: no finite motion answers.

@@ -16,11 +16,12 @@ module viscovib_motion_lattice
                         lattice_steps(0:max_angles) = [1, 1, 9, 19, 41, 29, 787]
   real(wp), parameter :: two_pi = 6.283185307179586_wp, same = 1.0e-9_wp
 
-  !> Angles of the generators: their number, frequencies, growth of what turns with them, and
-  !! whose they are; 0: does not turn.
+  !> Angles of the generators: their number, the frequencies of the frame and those with which the
+  !! generators turn as a whole, growth of what turns with them, and whose they are; 0: does not
+  !! turn.
   type :: angles_type
     integer :: n = 0
-    real(wp) :: frequency(12) = 0.0_wp, growth(12) = 0.0_wp
+    real(wp) :: frequency(12) = 0.0_wp, whole(12) = 0.0_wp, growth(12) = 0.0_wp
     integer, allocatable :: of_mode(:), of_load(:)
   end type angles_type
 
@@ -39,10 +40,12 @@ contains
   end subroutine lattice_of
 
   !> A load that turns with a mode shares its angle, and all that have one frequency do.
-  subroutine find_angles(scales, a, angles)
+  subroutine find_angles(scales, a, angles, turns)
     type(multiple_scales_type), intent(in) :: scales
     complex(wp), intent(in) :: a(:)
     type(angles_type), intent(out) :: angles
+    !> With what the amplitudes turn in their frame, on the whole; default 0.
+    real(wp), intent(in), optional :: turns(:)
     integer :: j, k
 
     associate (form => scales%form, frame => scales%flow%frame)
@@ -56,6 +59,14 @@ contains
       end do
       do k = 1, size(form%drives)
         if (any(abs(form%load(:, k)) > 0.0_wp)) angles%of_load(k) = angle_of(form%drives(k))
+      end do
+      angles%whole = angles%frequency
+      if (.not. present(turns)) return
+      do j = 1, size(a)
+        ! What shares its angle follows the load or the mode it shares it with.
+        if (angles%of_mode(j) == 0 .or. any(angles%of_load == angles%of_mode(j)) &
+            .or. count(angles%of_mode == angles%of_mode(j)) > 1) cycle
+        angles%whole(angles%of_mode(j)) = frame(j) + turns(j)
       end do
     end associate
 

@@ -114,16 +114,18 @@ contains
     integer, intent(inout) :: cancel
     type(defect_type) :: here, next
     complex(wp) :: change(size(a, 1)), slope(size(a, 1), 2)
+    real(wp) :: turns(size(a, 1))
     integer :: i
 
     errors = ieee_value(1.0_wp, ieee_positive_inf)
-    call find_defect(scales, full, a(:, 1), here)
+    call find_turns(scales, times, a, turns)
+    call find_defect(scales, full, a(:, 1), here, turns=turns)
     if (.not. here%known) return
     change = first_change(scales, here, times(1), size(errors, 1))
     errors(:, 1) = size_of_error(scales, here, change, size(errors, 1))
     do i = 2, size(times)
       if (is_set(cancel)) return
-      call find_defect(scales, full, a(:, i), next)
+      call find_defect(scales, full, a(:, i), next, turns=turns)
       if (.not. next%known) return
       call scales%flow%rates(times(i - 1), a(:, i - 1), slope(:, 1))
       call scales%flow%rates(times(i), a(:, i), slope(:, 2))
@@ -133,10 +135,37 @@ contains
     end do
   end subroutine motion_errors
 
+  !> What amplitudes turn with in their frame: the mean of Im(conj(a) a')/|a|^2 with weights |a|^2,
+  !! which lies between 0, of what stands still in the frame, and that of a free mode. The frame may
+  !! be far from the modes' own frequencies, as where w1 ~ 2 w2 is one of several resonances.
+  subroutine find_turns(scales, times, a, turns)
+    type(multiple_scales_type), intent(in) :: scales
+    real(wp), intent(in) :: times(:)
+    complex(wp), intent(in) :: a(:, :)
+    real(wp), intent(out) :: turns(:)
+    complex(wp) :: slope(size(a, 1))
+    real(wp) :: weight(size(a, 1)), own
+    integer :: i, j
+
+    turns = 0.0_wp
+    weight = 0.0_wp
+    do i = 1, size(times)
+      call scales%flow%rates(times(i), a(:, i), slope)
+      turns = turns + aimag(conjg(a(:, i))*slope)
+      weight = weight + abs(a(:, i))**2
+    end do
+    do j = 1, size(turns)
+      own = aimag(scales%flow%s(j)) - scales%flow%frame(j)
+      turns(j) = turns(j)/max(weight(j), tiny(1.0_wp))
+      turns(j) = max(min(turns(j), max(own, 0.0_wp)), min(own, 0.0_wp))
+    end do
+  end subroutine find_turns
+
   subroutine move_defect(from, to)
     type(defect_type), intent(inout) :: from, to
     to%n = from%n
     call move_alloc(from%frequency, to%frequency)
+    call move_alloc(from%phase_rate, to%phase_rate)
     call move_alloc(from%u, to%u)
     call move_alloc(from%rates, to%rates)
   end subroutine move_defect
@@ -155,7 +184,7 @@ contains
 
     x = 0.0_wp
     do i = 1, defect%n
-      wave = exp(cmplx(0.0_wp, defect%frequency(i)*t, wp))
+      wave = exp(cmplx(0.0_wp, defect%phase_rate(i)*t, wp))
       x(:d) = x(:d) - 2.0_wp*real(defect%u(:d, i)*wave)
       x(d + 1:) = x(d + 1:) &
                   - 2.0_wp*real(defect%u(:d, i)*wave*cmplx(0.0_wp, defect%frequency(i), wp))
@@ -210,7 +239,7 @@ contains
     do j = 1, size(change)
       do i = 1, here%n
         if (abs(here%rates(j, i)) > 0.0_wp) then
-          fastest = max(fastest, abs(here%frequency(i) - scales%flow%frame(j)))
+          fastest = max(fastest, abs(here%phase_rate(i) - scales%flow%frame(j)))
         end if
       end do
       fastest = max(fastest, abs(scales%flow%s(j) - cmplx(0.0_wp, scales%flow%frame(j), wp)))
@@ -242,7 +271,7 @@ contains
         do m = 1, size(x)
           if (.not. abs(here%rates(m, w)) + abs(next%rates(m, w)) > 0.0_wp) cycle
           value(m) = value(m) + ((1.0_wp - part)*here%rates(m, w) + part*next%rates(m, w)) &
-                     *exp(cmplx(0.0_wp, (here%frequency(w) - scales%flow%frame(m))*t, wp))
+                     *exp(cmplx(0.0_wp, (here%phase_rate(w) - scales%flow%frame(m))*t, wp))
         end do
       end do
     end function speed

@@ -273,3 +273,18 @@ def test_resting_growth_has_no_units(unit):
     found = vv.MultipleScales(light, load=[0.05 * unit], nu=0.7).response("nu", [0.6, 0.65])
     assert found.stable.all()
     np.testing.assert_allclose(found.resting_growth, -0.025, rtol=1e-4)
+
+
+@pytest.mark.parametrize("ordering", ["general", "weak_coupling"])
+def test_of_a_mode_that_drifts_in_a_frame_far_from_it(ordering):
+    """The frame takes w1 = 2 w2, a tenth apart: products turn with the modes, not with it."""
+    kw = {"e": 0.002, "w2": 0.591, "w3": 1.11, "alpha": 0.103, "c1": 1e-4, "c2": 1e-4, "c3": 1e-4}
+    initial = np.array([-0.0007, -0.0054, 0.0248, 0.0526, -0.0384, 0.0192])
+    pend = vv.Pendulum(**kw)
+    motion = vv.MultipleScales(pend, ordering=ordering).motion(np.linspace(0, 80, 161), initial)
+    frame = motion.modulation.frame
+    assert abs(frame[0] - 2 * frame[1]) < 1e-9
+    exact = vv.simulate(pend, 80, times=motion.t, initial=initial, tolerance=1e-12).state
+    error = abs(motion.state - exact)[:, ::2].max(axis=1)
+    for part in (slice(0, 41), slice(120, 161)):
+        assert 0.7 < motion.error_estimate[part].max() / error[part].max() < 1.5
