@@ -8,6 +8,7 @@ import matplotlib
 import numpy as np
 import pytest
 import viscovib as vv
+from referee.models import Swinging
 from scipy.integrate import solve_ivp
 from scipy.optimize import root
 from tables import lines_without_plan
@@ -28,7 +29,8 @@ def swung(**changes):
 
 
 def after(pend, t, y, tolerance=1e-13):
-    run = solve_ivp(pend.rhs, (0, t), y, "DOP853", rtol=tolerance, atol=1e-14)
+    right = Swinging.of(pend).right if pend.equations == "exact" else pend.rhs
+    run = solve_ivp(right, (0, t), y, "DOP853", rtol=tolerance, atol=1e-14)
     return run.y[:, -1]
 
 
@@ -176,8 +178,10 @@ def doubling(p1):
     pend = vv.Pendulum(**(PARAMETRIC | {"p1": p1}))
     period = 2 * np.pi / p1
 
+    own = Swinging.of(pend)
+
     def stretched(t, y):
-        return pend.rhs(t, [y[0], y[1], 0, 0, 0, 0])[:2]
+        return own.right(t, np.array([y[0], y[1], 0, 0, 0, 0]))[:2]
 
     def defect(y):
         run = solve_ivp(stretched, (0, period), y, "DOP853", rtol=1e-13, atol=1e-14)
@@ -188,7 +192,7 @@ def doubling(p1):
     def disturbed(t, y):
         state = np.array([y[0], y[1], 0, 0, 0, 0])
         change = pend.jacobian(t, state)[2:, 2:] @ y[2:].reshape(4, 4)
-        return np.concatenate([pend.rhs(t, state)[:2], change.ravel()])
+        return np.concatenate([own.right(t, state)[:2], change.ravel()])
 
     run = solve_ivp(
         disturbed, (0, period), [*rest, *np.eye(4).ravel()], "DOP853", rtol=1e-12, atol=1e-13

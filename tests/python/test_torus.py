@@ -11,6 +11,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import viscovib as vv
+from referee.models import Swinging
 from scipy.integrate import solve_ivp
 from viscovib.analyses.torus import Torus, make_torus
 
@@ -213,7 +214,9 @@ def test_lattices_are_complete():
 def test_a_static_load_shifts_the_rest():
     pend = vv.Pendulum(**BODY, f0=0.05, p1=0.0, m01=1e-5, p2=0.3)
     r = vv.forced_response(pend)
-    run = solve_ivp(pend.rhs, (0, 600), np.zeros(6), "DOP853", rtol=1e-12, atol=1e-14)
+    run = solve_ivp(
+        Swinging.of(pend).right, (0, 600), np.zeros(6), "DOP853", rtol=1e-12, atol=1e-14
+    )
     assert r.state(0, 600.0) == pytest.approx(run.y[:, -1], abs=1e-9)
     assert r.coefficients[0, 0, 0].imag > 0.04
 

@@ -77,9 +77,25 @@ NOTHING_TO_JUDGE = {
 }
 
 
+@functools.cache
+def _tree(family: str) -> ast.Module:
+    return ast.parse((HERE / f"{family}.py").read_text(encoding="utf-8"))
+
+
+@functools.cache
+def _text(family: str) -> str:
+    """What a family does, without its JUDGES."""
+    kept = [
+        node
+        for node in _tree(family).body
+        if not (isinstance(node, ast.Assign) and getattr(node.targets[0], "id", "") == "JUDGES")
+    ]
+    return "\n".join(map(ast.unparse, kept))
+
+
 def _constants(family: str) -> dict[str, object]:
     """Docstring and JUDGES of a family, read without running it."""
-    tree = ast.parse((HERE / f"{family}.py").read_text(encoding="utf-8"))
+    tree = _tree(family)
     found: dict[str, object] = {"description": ast.get_docstring(tree) or ""}
     for node in tree.body:
         if isinstance(node, ast.Assign) and isinstance(node.targets[0], ast.Name):
@@ -137,14 +153,7 @@ def _used(member: str, family: str) -> bool:
     """Whether calls of a family, or of the systems it draws, have this word; classes are made."""
     if member == "__call__" or member[0].isupper():
         return True
-    tree = ast.parse((HERE / f"{family}.py").read_text(encoding="utf-8"))
-    kept = [
-        node
-        for node in tree.body
-        if not (isinstance(node, ast.Assign) and getattr(node.targets[0], "id", "") == "JUDGES")
-    ]
-    word = re.compile(rf"\b{member}\b")
-    return any(word.search(ast.unparse(node)) for node in kept)
+    return re.search(rf"\b{member}\b", _text(family)) is not None
 
 
 def judged() -> dict[str, list[str]]:

@@ -447,6 +447,13 @@ class Swinging:
     p2: float = 0.0
     p3: float = 0.0
 
+    @classmethod
+    def of(cls, body: Any) -> "Swinging":
+        """The same as a pendulum of the package."""
+        if body.equations != "exact":
+            raise ValueError(f"equations are {body.equations}, not exact")
+        return cls(**{name: getattr(body, name) for name in cls.__dataclass_fields__})
+
     @property
     def source(self) -> str:
         """Python that builds it."""
