@@ -2,8 +2,9 @@
 ! are given as in mount_binding.
 
 !> A branch with the options packed for `curve_options_from`, p being the frequency
-!! (parameter = 1) or, at the frequency nu, the factor of the load (2) or the number by which
-!! the system's are flat + p direction (3; else `direction` does nothing). n_kept as the plan
+!! (parameter = 1) or, at the frequency nu, the factor of the load (2) or the number by which the
+!! system's are flat + p direction(:n_flat) + p^2 direction(n_flat + 1:) + ... (3; else
+!! `direction` does nothing). n_kept as the plan
 !! says, of which n_used are used if orders are chosen at each point (harmonics = 0); with
 !! symmetric = 0 the mean
 !! and even orders are kept though odd ones would do. With leave = 1 it begins at the point
@@ -11,7 +12,7 @@
 !! solution found at p = start.
 !! Stability is judged if n_judged is max_points, not 0.
 subroutine mount_branch(flat, n_flat, kind_x, data_x, n_x, kind_phi, data_phi, n_phi, orders, &
-                        series, n_rows, n_series, parameter, direction, nu, curve_packed, &
+                        series, n_rows, n_series, parameter, direction, n_direction, nu, curve_packed, &
                         n_packed, harmonics, symmetric, max_points, &
                         leave, begin, begin_p, along, n_unknowns, n_judged, n_kept, max_special, &
                         cancel, n_points, ended, n_used, p, iterations, error, kept, truncation, &
@@ -40,12 +41,13 @@ subroutine mount_branch(flat, n_flat, kind_x, data_x, n_x, kind_phi, data_phi, n
   use viscovib_status, only: status_type
   use viscovib_vector_builder, only: vector_at, vector_builder
   implicit none
-  integer(c_int), intent(in) :: n_flat, kind_x, n_x, kind_phi, n_phi, n_rows, n_series
+  integer(c_int), intent(in) :: n_flat, kind_x, n_x, kind_phi, n_phi, n_rows, n_series, n_direction
   integer(c_int), intent(in) :: parameter, harmonics, symmetric, n_packed, leave, n_unknowns
   integer(c_int), intent(in) :: orders(n_series), max_points, n_judged, n_kept, max_special
-  real(c_double), intent(in) :: flat(n_flat), direction(n_flat), data_x(n_x), data_phi(n_phi)
+  real(c_double), intent(in) :: flat(n_flat), direction(n_direction), data_x(n_x)
   real(c_double), intent(in) :: nu, curve_packed(n_packed)
   real(c_double), intent(in) :: begin(n_unknowns), begin_p, along(n_unknowns + 1)
+  real(c_double), intent(in) :: data_phi(n_phi)
   complex(c_double_complex), intent(in) :: series(n_rows, n_series)
   !> cancel(1) /= 0, perhaps set by another thread, gives up.
   integer(c_int), intent(inout) :: cancel(1)

@@ -7,7 +7,7 @@
 !! motion, the summit that the branch leads up to from it between low and high. With wide = 0
 !! only beside the largest motion. peak_x are the harmonics at a single motion's summit.
 subroutine mount_peak(flat, n_flat, kind_x, data_x, n_x, kind_phi, data_phi, n_phi, orders, &
-                      series, n_rows, n_series, parameter, direction, nu, kept, n_kept, &
+                      series, n_rows, n_series, parameter, direction, n_direction, nu, kept, n_kept, &
                       keep_idle, tolerance, p, samples, n, dof, place, low, high, wide, cancel, &
                       peak_p, peak_size, found, status)
   use, intrinsic :: iso_c_binding, only: c_double, c_double_complex, c_int
@@ -26,8 +26,9 @@ subroutine mount_peak(flat, n_flat, kind_x, data_x, n_x, kind_phi, data_phi, n_p
   implicit none
   integer(c_int), intent(in) :: n_flat, kind_x, n_x, kind_phi, n_phi, n_rows, n_series, n, n_kept
   integer(c_int), intent(in) :: orders(n_series), parameter, kept(n_kept), keep_idle, dof, place
-  integer(c_int), intent(in) :: wide
-  real(c_double), intent(in) :: flat(n_flat), direction(n_flat), data_x(n_x), data_phi(n_phi)
+  integer(c_int), intent(in) :: wide, n_direction
+  real(c_double), intent(in) :: flat(n_flat), direction(n_direction), data_x(n_x)
+  real(c_double), intent(in) :: data_phi(n_phi)
   complex(c_double_complex), intent(in) :: series(n_rows, n_series)
   complex(c_double_complex), intent(in) :: samples(n_kept, n_rows - 1, n)
   real(c_double), intent(in) :: nu, tolerance, p(n), low, high

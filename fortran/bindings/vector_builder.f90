@@ -1,4 +1,4 @@
-!> Systems whose numbers grow with p: flat + p direction.
+!> Systems whose numbers are polynomials in p: flat + p direction_1 + p^2 direction_2 + ...
 module viscovib_vector_builder
   use viscovib_binding_tools, only: make_system
   use viscovib_family_curve, only: system_builder
@@ -12,7 +12,7 @@ module viscovib_vector_builder
   public :: vector_builder, vector_at
 
   type, extends(system_builder) :: vector_builder
-    !> As in mount_binding.
+    !> As in mount_binding; directions one behind the other.
     real(wp), allocatable :: flat(:), direction(:), data_x(:), data_phi(:)
     integer :: kind_x = 0, kind_phi = 0
   contains
@@ -24,8 +24,16 @@ contains
   !> The numbers at p.
   pure function vector_at(flat, direction, p) result(vector)
     real(wp), intent(in) :: flat(:), direction(:), p
-    real(wp) :: vector(size(flat))
-    vector = flat + merge(p, nearly_nothing, abs(p) > 0.0_wp)*direction
+    real(wp) :: vector(size(flat)), x
+    integer :: k, n
+
+    x = merge(p, nearly_nothing, abs(p) > 0.0_wp)
+    n = size(flat)
+    vector = 0.0_wp
+    do k = size(direction)/n, 1, -1
+      vector = (vector + direction((k - 1)*n + 1:k*n))*x
+    end do
+    vector = flat + vector
   end function vector_at
 
   subroutine build(self, p, system, status)

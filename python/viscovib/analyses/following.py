@@ -15,6 +15,8 @@ from viscovib import _native
 from viscovib._native import ComplexArray, FloatArray, core
 from viscovib.analyses.starts import Start, StartLike, start_of
 from viscovib.analyses.steady import _prepare, falling
+from viscovib.bodies.body import Body
+from viscovib.bodies.varying_body import varied_body
 from viscovib.common.motion_stability import Stability
 from viscovib.common.parameters import OPPOSITE, STABILITY, SYMMETRIC, CurveOptions
 from viscovib.common.plan import Plan
@@ -88,7 +90,10 @@ class _Way:
                 numbers, system = varied_structure(system, vary, start, finish, load, base)
             else:
                 refuse_turning(system, "a parameter that varies")
-                numbers = varied(system, vary, start, finish)
+                if isinstance(system, Body):
+                    numbers = varied_body(system, vary, start, finish)
+                else:
+                    numbers = varied(system, vary, start, finish)
             varies = numbers[0]
         if varies == "nu" and min(start, finish) <= 0:
             raise InputError(f"nu_range = ({start:g}, {finish:g}): must be greater than 0")

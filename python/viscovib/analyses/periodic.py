@@ -135,6 +135,9 @@ def trace_response(
         "damping_scale", "stiffness_scale", "forces_scale", "memory_scale" (of all kernels).
         "springs[0]." before it means those springs. Of a `Structure` "elements[0].stiffness",
         "elements[0].k3" (k3 a parameter of its law) or "memory_scale"; its modal damping stays.
+        Of a `Body` "mass", "inertia_scale", "center[x]", "mounts[front].stiffness[z]" (its local
+        z), "mounts[front].damping[z]", "mounts[front].position[x]", or a factor of all three,
+        "mounts[front].stiffness_scale"; and what a `PolynomialSystem` has.
     p1, p2, p3, f0, m01, m02 : (float, float)
         Of a pendulum: one of its own frequencies or amplitudes of loads.
     at : array_like

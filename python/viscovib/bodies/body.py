@@ -302,6 +302,8 @@ class Body(LinearBody):
             acceleration. Where the floor moves they are absolute too.
         """
         arm = self._arm("point", point)
+        if str(getattr(result, "varies", "nu")).startswith("center"):
+            raise InputError("result: the center varies along it, must not be")
         rows = np.hstack([np.eye(3), -crossing(arm)])
         body = self._coefficients(result)[:, :6]
         moved = np.einsum("ad,ndk->nak", rows, body)
@@ -326,6 +328,12 @@ class Body(LinearBody):
             Without what the mounts carry at rest.
         """
         relative = self._coefficients(result)
+        varies = getattr(result, "varies", "nu")
+        if varies not in ("nu", "load_factor"):
+            raise InputError(
+                f"result: {varies} varies along it, and forces are those of this body: must be "
+                "over nu or load_factor, or make the body with the value of a point"
+            )
         if self.base_direction is None:
             if base is not None:
                 raise InputError("base: this body has no base_direction, its floor is fixed")

@@ -29,7 +29,7 @@ _NAMES = "'memory_scale', 'mass_scale', 'damping_scale', 'stiffness_scale' or 'f
 
 
 class Varied(NamedTuple):
-    """The numbers of a system are ``rest + p direction``."""
+    """The numbers of a system are ``rest + p direction[:n] + p^2 direction[n:2 n] + ...``."""
 
     name: str
     rest: FloatArray
@@ -37,7 +37,9 @@ class Varied(NamedTuple):
 
     def at(self, p: float) -> FloatArray:
         """Numbers of the system at p."""
-        return self.rest + (p or NEARLY_NOTHING) * self.direction
+        x = p or NEARLY_NOTHING
+        series = self.direction.reshape(-1, self.rest.size)
+        return self.rest + x ** np.arange(1, series.shape[0] + 1) @ series
 
 
 def varied(system: Oscillator, name: object, start: float, finish: float) -> Varied:

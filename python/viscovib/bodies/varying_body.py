@@ -1,0 +1,132 @@
+"""Numbers of a body that may vary along a branch, by name."""
+
+from __future__ import annotations
+
+import re
+import warnings
+from collections.abc import Callable
+from copy import copy
+from typing import Any
+
+import numpy as np
+
+from viscovib import _native
+from viscovib._native import FloatArray
+from viscovib.bodies.body import Body
+from viscovib.bodies.mount_point import MountPoint
+from viscovib.errors import InputError
+from viscovib.systems.varying import Varied, varied
+
+_AXES = "xyz"
+#: Highest power of p: a law of power q at a mount whose position varies has q + 1.
+_HIGHEST = 8
+#: Part of the largest number by which the polynomial may miss numbers of the body.
+_ROUNDING = 1e-12
+_OF_MOUNTS = ("stiffness", "damping", "position")
+
+
+def varied_body(body: Body, name: object, start: float, finish: float) -> Varied:
+    """Which numbers ``mass``, ``inertia_scale``, ``mounts[front].stiffness[z]`` ... mean.
+
+    The body is made anew at some p, and its numbers are polynomials in p through these: of
+    degree 1 for masses and stiffnesses, of degree q + 1 for the position of a mount with a law of
+    power q. Other names are those of a polynomial system.
+    """
+    changed = _changed(body, name)
+    if changed is None:
+        return varied(body, name, start, finish)
+
+    def numbers(p: float) -> FloatArray:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            return np.asarray(rebuilt(body, **changed(p))._vector)
+
+    for end in (start, finish):
+        numbers(end)
+    return _polynomial(str(name), numbers, start, finish)
+
+
+def rebuilt(body: Body, **changes: Any) -> Body:
+    """Return the body made anew with other arguments."""
+    given: dict[str, Any] = {
+        "mass": body.body_mass, "inertia": body.inertia, "mounts": body.mounts,
+        "center": body.center, "gravity": body.gravity, "geometry": body.geometry,
+        "load_axes": body.load_axes, "base_direction": body.base_direction, "spin": body.spin,
+    }  # fmt: skip
+    return Body(**(given | changes))
+
+
+def _changed(body: Body, name: object) -> Callable[[float], dict[str, Any]] | None:
+    """Arguments of the body at p; None: no number of a body by this name."""
+    if name == "mass":
+        return lambda p: {"mass": p}
+    if name == "inertia_scale":
+        return lambda p: {"inertia": p * np.asarray(body.inertia)}
+    if not isinstance(name, str):
+        return None
+    text = name.replace(" ", "")
+    form = re.fullmatch(r"center\[([xyz])\]", text)
+    if form is not None:
+        axis = _AXES.index(form[1])
+        return lambda p: {"center": _with(body.center, axis, p)}
+    if not text.startswith("mounts["):
+        return None
+    form = re.fullmatch(r"mounts\[([^\]]*)\]\.(\w+?)(?:_scale|\[([xyz])\])", text)
+    if form is None or form[2] not in _OF_MOUNTS:
+        raise InputError(
+            f"vary = {name!r}: must be a number of a mount such as 'mounts[{body.mounts[0].name}]."
+            "stiffness[z]' or '.position[x]' (of stiffness, damping and position), or a factor "
+            "such as '.stiffness_scale'"
+        )
+    names = [mount.name for mount in body.mounts]
+    place = names.index(_native.choice(f"vary = {name!r}: mount", form[1], tuple(names)))
+    mount, key = body.mounts[place], form[2]
+    was = np.asarray(getattr(mount, key), dtype=float)
+
+    def at(p: float) -> dict[str, Any]:
+        value = p * was if form[3] is None else _with(was, _AXES.index(form[3]), p)
+        mounts = list(body.mounts)
+        mounts[place] = _mount_with(name, mount, key, value)
+        return {"mounts": mounts}
+
+    return at
+
+
+def _with(vector: Any, axis: int, p: float) -> FloatArray:
+    changed = np.array(vector, dtype=float)
+    changed[axis] = p
+    return changed
+
+
+def _mount_with(name: str, mount: MountPoint, key: str, value: FloatArray) -> MountPoint:
+    """The mount with another number; its stiffness has the linear part of its law."""
+    if key != "position" and not (value >= 0).all():
+        raise InputError(f"vary = {name!r}: must not be less than 0, got {value.min():g}")
+    value.setflags(write=False)
+    other = copy(mount)
+    object.__setattr__(other, key, value)
+    return other
+
+
+def _polynomial(
+    name: str, numbers: Callable[[float], FloatArray], start: float, finish: float
+) -> Varied:
+    """Powers of p that the numbers are, by places where none of them is 0 by chance."""
+    unit = max(abs(start), abs(finish))
+    places = np.cos(np.pi * (np.arange(_HIGHEST + 4) + 0.37) / (_HIGHEST + 4))
+    low, high = min(start, finish), max(start, finish)
+    at = 0.5 * (low + high) + 0.5 * (high - low) * places
+    found = [numbers(p) for p in at.tolist()]
+    if all(one.size == found[0].size for one in found):
+        known = np.array(found)
+        size = np.abs(known).max(0)
+        for degree in range(1, _HIGHEST + 1):
+            powers = np.vander(at / unit, degree + 1, increasing=True)
+            series = np.linalg.lstsq(powers, known, rcond=None)[0]
+            if (np.abs(powers @ series - known) <= _ROUNDING * size).all():
+                scaled = series / (unit ** np.arange(degree + 1))[:, None]
+                return Varied(name, scaled[0], scaled[1:].ravel())
+    raise InputError(
+        f"vary = {name!r}: must be a number by whose powers the body's numbers grow; where the "
+        "body sags on progressive mounts or at other places they do not, make bodies one by one"
+    )

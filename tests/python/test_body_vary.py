@@ -1,0 +1,117 @@
+"""Branches over numbers of a body, beside bodies made with these numbers and an own balance."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+import viscovib as vv
+from scipy.optimize import fsolve
+from test_body import DATA, engine
+from viscovib.units import hz
+
+KERNEL = vv.PronyKernel(weights=[2.0], rates=[60.0])
+NU = 11.5 * hz
+TORQUE = 20.0
+
+
+def body_with(name, p):
+    """The engine of the table with one number changed, by its public arguments alone."""
+    given = {"mass": DATA["mass"], "inertia": np.array(DATA["inertia"])}
+    center = np.zeros(3)
+    mounts = list(engine(KERNEL, "1e10*d^3").mounts)
+    if name == "mass":
+        given["mass"] = p
+    elif name == "inertia_scale":
+        given["inertia"] = p * given["inertia"]
+    elif name == "center[z]":
+        center[2] = p
+    else:
+        place, key, entry = int(name[8]) - 1, *name[11:].split("[")
+        value = np.array(getattr(mounts[place], key), dtype=float)
+        value["xyz".index(entry[0])] = p
+        mounts[place] = dataclasses.replace(mounts[place], **{key: value})
+    return vv.Body(**given, mounts=mounts, center=center)
+
+
+RANGES = {
+    "mass": (150, 180),
+    "inertia_scale": (0.9, 1.2),
+    "center[z]": (-0.04, 0.04),
+    "mounts[m2].stiffness[z]": (3e5, 5e5),
+    "mounts[m3].damping[x]": (0, 300),
+    "mounts[m1].position[x]": (-0.1, 0.1),
+}
+
+
+@pytest.mark.parametrize("name", RANGES)
+def test_points_are_motions_of_bodies_with_that_number(name):
+    """First, middle and last point obey the balance in 64 instants of the body with that number."""
+    body = engine(KERNEL, "1e10*d^3")
+    load = body.load(torque=(0, TORQUE, 0)).real
+    branch = vv.trace_response(
+        body, nu=NU, vary=name, vary_range=RANGES[name], load=load, harmonics=5, tolerance=1e-6,
+    )  # fmt: skip
+    assert branch.varies == name
+    for i in (0, branch.parameter.size // 2, branch.parameter.size - 1):
+        other = body_with(name, float(branch.parameter[i]))
+        start = branch.coefficients[i]
+        expected = balance(other, load, branch.harmonics, start)
+        np.testing.assert_allclose(start, expected, atol=1e-8 * np.abs(expected).max())
+
+
+def balance(body, load, orders, start):
+    """Harmonics of M u'' + sum_j c_j (1 - R) (k_j d_j + 1e10 d_j^3) = F sin(nu t)."""
+    springs = body._mount_springs
+    mass = np.zeros((6, 6))
+    mass[:3, :3], mass[3:, 3:] = body.body_mass * np.eye(3), body.inertia
+    phase = np.exp(1j * np.outer(orders, np.arange(64) * 2 * np.pi / 64))
+    kept = 1 - KERNEL.weights[0] / (KERNEL.rates[0] + 1j * orders * NU)
+
+    def residual(numbers):
+        u = (numbers[: start.size] + 1j * numbers[start.size :]).reshape(start.shape)
+        d = (springs.rows @ u @ phase).imag
+        force = springs.stiffness[:, None] * d
+        force[2::3] += 1e10 * d[2::3] ** 3
+        waves = 2j * (force @ phase.conj().T) / 64
+        rate = springs.damping[:, None] * (springs.rows @ u) * (1j * orders * NU)
+        left = -((orders * NU) ** 2) * (mass @ u) + springs.rows.T @ (kept * waves + rate)
+        left[:, orders == 1] -= load[:, None]
+        left = left.ravel() / TORQUE
+        return np.concatenate([left.real, left.imag])
+
+    size = 1e-4
+    first = np.concatenate([start.real.ravel(), start.imag.ravel()])
+    found = fsolve(lambda x: residual(size * x), first / size, xtol=1e-13) * size
+    return (found[: start.size] + 1j * found[start.size :]).reshape(start.shape)
+
+
+@pytest.mark.parametrize(
+    ("name", "told"),
+    [
+        ("mounts[m9].stiffness[z]", "m9"),
+        ("mounts[m1].stiffnes[z]", "must be a number of a mount"),
+        ("mounts[m1].stiffness[w]", "must be a number of a mount"),
+        ("weight", "vary = 'weight'"),
+    ],
+)
+def test_names_that_are_none(name, told):
+    """One line with the name and what is allowed."""
+    body = engine(KERNEL, "1e10*d^3")
+    with pytest.raises(vv.InputError, match=told):
+        vv.trace_response(body, nu=NU, vary=name, vary_range=(1, 2), load={"z": 10.0})
+
+
+def test_values_and_results_that_are_refused():
+    """Negative numbers, numbers that grow by no powers, and forces of another body."""
+    body = engine(KERNEL, "1e10*d^3")
+    given = {"nu": NU, "load": body.load(torque=(0, TORQUE, 0)).real}
+    with pytest.raises(vv.InputError, match="mass = -1"):
+        vv.trace_response(body, vary="mass", vary_range=(-1, 100), **given)
+    with pytest.raises(vv.InputError, match="must not be less than 0"):
+        vv.trace_response(body, vary="mounts[m1].stiffness[x]", vary_range=(-1, 100), **given)
+    heavy = engine(None, "1e10*d^3", gravity=9.81)
+    with pytest.raises(vv.InputError, match="sags on progressive mounts"):
+        vv.trace_response(heavy, vary="mass", vary_range=(100, 200), **given)
+    branch = vv.trace_response(body, vary="mass", vary_range=(160, 165), tolerance=1e-4, **given)
+    with pytest.raises(vv.InputError, match="mass varies along it"):
+        body.mount_forces(branch)
