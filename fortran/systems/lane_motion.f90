@@ -9,7 +9,7 @@ module viscovib_lane_motion
   use viscovib_driven_system, only: differentiable_system_type
   use viscovib_kinds, only: wp
   use viscovib_lanes, only: n_lanes
-  use viscovib_law_lanes, only: evaluate_lanes
+  use viscovib_law_lanes, only: evaluate_term
   use viscovib_law_term, only: law_term
   use viscovib_load, only: load_type
   use viscovib_polynomial, only: monomial_type, multiply, polynomial_type
@@ -123,7 +123,7 @@ contains
       end do
     end do
     do i = 1, size(self%laws)
-      call evaluate_lanes(self%laws(i)%program, self%laws(i)%arguments_of_lanes(q, v), product)
+      call evaluate_term(self%laws(i), q, v, product)
       do d = 1, self%n_dof
         a(:, d) = a(:, d) - self%law_weights(:, d, i)*product
       end do

@@ -11,17 +11,48 @@ module viscovib_law_lanes
     first_of_two, known_power, law_program, multiply, negate, number_for_one, number_for_two, &
     of_one, of_two, operands, put_argument, put_number, second_of_two, square, steepest, subtract, &
     wall
+  use viscovib_law_term, only: law_term
   use viscovib_vector_math, only: exponential_lanes, largest_angle, logarithm_lanes, &
     sine_cosine_lanes, tangent_lanes
   implicit none
   private
 
-  public :: evaluate_lanes
+  public :: evaluate_lanes, evaluate_term
 
   !> Beyond this a power is computed as one of a real number.
   real(wp), parameter :: highest_power = 32.0_wp
+  !> Columns of values that most laws need, two more than they hold.
+  integer, parameter :: usual_depth = 16
+  !> Arguments that most laws have at most.
+  integer, parameter :: usual_arguments = 8
 
 contains
+
+  !> The law of a term of a system, from coordinates and rates.
+  pure subroutine evaluate_term(law, q, v, value)
+    type(law_term), intent(in) :: law
+    real(wp), intent(in) :: q(n_lanes, size(law%arguments, 2)), v(n_lanes, size(law%arguments, 2))
+    real(wp), intent(out) :: value(n_lanes)
+    real(wp) :: arguments(n_lanes, usual_arguments)
+    integer :: b, k
+
+    if (size(law%arguments, 1) > usual_arguments) then
+      call evaluate_lanes(law%program, law%arguments_of_lanes(q, v), value)
+      return
+    end if
+    do k = 1, size(law%arguments, 1)
+      arguments(:, k) = 0.0_wp
+      do b = 1, size(law%arguments, 2)
+        if (abs(law%arguments(k, b)) > 0.0_wp) then
+          arguments(:, k) = arguments(:, k) + law%arguments(k, b)*q(:, b)
+        end if
+        if (abs(law%rates(k, b)) > 0.0_wp) then
+          arguments(:, k) = arguments(:, k) + law%rates(k, b)*v(:, b)
+        end if
+      end do
+    end do
+    call evaluate_lanes(law%program, arguments, value)
+  end subroutine evaluate_term
 
   !> The law in every lane.
   pure subroutine evaluate_lanes(law, arguments, value)
@@ -29,35 +60,78 @@ contains
     !> Shape (n_lanes, n_arguments).
     real(wp), intent(in) :: arguments(n_lanes, *)
     real(wp), intent(out) :: value(n_lanes)
-    real(wp) :: x(n_lanes, law%depth + 2)
-    integer :: i, top
+    real(wp) :: x(n_lanes, usual_depth)
+    real(wp), allocatable :: deep(:, :)
 
-    top = 0
-    do i = 1, size(law%code)
-      top = top - operands(law%code(i)) + 1
-      call instruct(law%code(i), law%number(i), arguments, x(1, top))
-    end do
-    value = x(:, 1)
+    ! Room on the stack: to ask for memory takes as long as some instructions.
+    if (law%depth + 2 <= usual_depth) then
+      call run_lanes(size(law%code), law%code, law%number, arguments, x)
+      value = x(:, 1)
+    else
+      allocate (deep(n_lanes, law%depth + 2))
+      call run_lanes(size(law%code), law%code, law%number, arguments, deep)
+      value = deep(:, 1)
+    end if
   end subroutine evaluate_lanes
 
+  !> Most instructions of a law are a few sums and products, made here; with a number they take it
+  !! as it is.
+  pure subroutine run_lanes(n, code, number, arguments, x)
+    integer, intent(in) :: n, code(n)
+    real(wp), intent(in) :: number(n), arguments(n_lanes, *)
+    real(wp), intent(inout) :: x(n_lanes, *)
+    integer :: i, next, top
+
+    top = 0
+    i = 0
+    do while (i < n)
+      i = i + 1
+      select case (code(i))
+      case (put_argument)
+        top = top + 1
+        x(:, top) = arguments(:, int(number(i)))
+      case (put_number)
+        next = put_number
+        if (i < n .and. top > 0) next = code(i + 1)
+        i = i + 1
+        select case (next)
+        case (multiply)
+          x(:, top) = min(max(x(:, top)*number(i - 1), -wall), wall)
+        case (add)
+          x(:, top) = x(:, top) + number(i - 1)
+        case (subtract)
+          x(:, top) = x(:, top) - number(i - 1)
+        case default
+          i = i - 1
+          top = top + 1
+          x(:, top) = number(i)
+        end select
+      case (multiply)
+        top = top - 1
+        x(:, top) = min(max(x(:, top)*x(:, top + 1), -wall), wall)
+      case (add)
+        top = top - 1
+        x(:, top) = x(:, top) + x(:, top + 1)
+      case (subtract)
+        top = top - 1
+        x(:, top) = x(:, top) - x(:, top + 1)
+      case default
+        top = top - operands(code(i)) + 1
+        call instruct(code(i), number(i), x(1, top))
+      end select
+    end do
+  end subroutine run_lanes
+
   !> One instruction: its operands stand in the columns of x, its value goes in the first.
-  pure subroutine instruct(code, number, arguments, x)
+  pure subroutine instruct(code, number, x)
     integer, intent(in) :: code
-    real(wp), intent(in) :: number, arguments(n_lanes, *)
+    real(wp), intent(in) :: number
     real(wp), intent(inout) :: x(n_lanes, 3)
     integer :: l
 
     select case (code)
-    case (put_number, number_for_one, number_for_two)
+    case (number_for_one, number_for_two)
       x(:, 1) = number
-    case (put_argument)
-      x(:, 1) = arguments(:, nint(number))
-    case (add)
-      x(:, 1) = x(:, 1) + x(:, 2)
-    case (subtract)
-      x(:, 1) = x(:, 1) - x(:, 2)
-    case (multiply)
-      x(:, 1) = min(max(x(:, 1)*x(:, 2), -wall), wall)
     case (square)
       x(:, 1) = min(x(:, 1)**2, wall)
     case (negate)

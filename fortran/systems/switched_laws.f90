@@ -15,7 +15,7 @@ module viscovib_switched_laws
   use viscovib_kinds, only: wp
   use viscovib_lanes, only: n_lanes
   use viscovib_law_branches, only: find_signals, held, signal_type, slides
-  use viscovib_law_lanes, only: evaluate_lanes
+  use viscovib_law_lanes, only: evaluate_lanes, evaluate_term
   use viscovib_law_program, only: law_program, wall
   use viscovib_law_term, only: law_term
   use viscovib_moving_element, only: moving_element, new_moving_element
@@ -295,7 +295,7 @@ contains
       end do
     end do
     do i = 1, size(self%laws)
-      call evaluate_lanes(self%laws(i)%program, self%laws(i)%arguments_of_lanes(q, v), value)
+      call evaluate_term(self%laws(i), q, v, value)
       do d = 1, size(a, 2)
         a(:, d) = a(:, d) - self%weights(d, i)*value
       end do
