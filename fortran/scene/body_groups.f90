@@ -68,6 +68,14 @@ contains
       if (status%failed()) return
     end do
     call reader%start(file%path, file%groups(place_of(file, 'body')))
+    if (any(abs(body%spin) > 0.0_wp)) then
+      do i = 1, size(file%groups)
+        if (file%groups(i)%name == 'modes' .or. file%groups(i)%name == 'backbone') then
+          call reader%complain('spin', 'spin: modes of a body with parts that spin are complex, ' &
+                               //'must be 0 for &'//file%groups(i)%name)
+        end if
+      end do
+    end if
     if (n == 0) call reader%complain('mass', '&body: needs &mount_point, what it stands on')
     body%base_direction = [body%base_direction, (0.0_wp, i=1, size(body%track_mass))]
     if (.not. reader%status%failed()) then
@@ -109,6 +117,7 @@ contains
     word = reader%read_text('geometry', 'small', [character(len=5) :: 'small', 'exact'], geometry)
     word = reader%read_text('load_axes', 'body', [character(len=5) :: 'body', 'space'], axes)
     body%base_direction = reader%read_reals('base_direction', 6, zero)
+    body%spin = reader%read_reals('spin', 3, zero(:3))
     if (reader%status%failed()) return
     body%exact = geometry == 2
     body%loads_turn = axes == 1
@@ -123,7 +132,13 @@ contains
                            //'(a diagonal) or 9 (row by row)')
     end if
     if (.not. reader%status%failed()) call check_inertia(reader, body%inertia)
-    if (.not. body%exact) return
+    if (any(abs(body%spin) > 0.0_wp) &
+        .and. (body%exact .or. any(abs(body%base_direction(4:6)) > 0.0_wp))) then
+      call reader%complain('spin', "spin: must be 0 with geometry = 'exact', and on a floor that " &
+                           //'turns: parts that spin inside are for small rotations about a ' &
+                           //'floor that does not')
+    end if
+    if (.not. body%exact .or. reader%status%failed()) return
     if (any(abs(body%base_direction(4:6)) > 0.0_wp)) then
       call reader%complain('base_direction', 'base_direction: must not turn the floor with ' &
                            //"geometry = 'exact'")

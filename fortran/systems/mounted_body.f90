@@ -26,6 +26,8 @@ module viscovib_mounted_body
   !> Springs are as they are written down: laws are whole, of d and its rate.
   type :: mounted_body
     real(wp) :: mass = 0.0_wp, inertia(3, 3) = 0.0_wp, gravity(3) = 0.0_wp
+    !> Angular momentum of parts that spin steadily inside (kg m^2/s), where rotations are small.
+    real(wp) :: spin(3) = 0.0_wp
     !> Whether rotations are finite, and loads turn with the body.
     logical :: exact = .false., loads_turn = .false.
     real(wp), allocatable :: base_direction(:)
@@ -352,6 +354,12 @@ contains
     allocate (p%damping(n, n), p%stiffness(n, n, size(kernels) + 1), source=0.0_wp)
     p%spring_kernel = [(i, i=0, size(kernels))]
     allocate (p%laws(0))
+    ! A turn at the rate w turns h too, which takes the torque w x h = -h x w.
+    associate (h => self%spin)
+      p%damping(4:6, 4) = [0.0_wp, -h(3), h(2)]
+      p%damping(4:6, 5) = [h(3), 0.0_wp, -h(1)]
+      p%damping(4:6, 6) = [-h(2), h(1), 0.0_wp]
+    end associate
     do i = 1, size(self%track_damping)
       p%damping(6 + i, 6 + i) = self%track_damping(i)
     end do

@@ -87,6 +87,44 @@ def test_in_time_on_a_moving_floor(solve, tmp_path, geometry):
         assert end < 1e-8, name
 
 
+def test_parts_that_spin(solve, tmp_path):
+    """The same bytes as Python, the response of (K + i w (C - [h]x) - w^2 M) u = F by NumPy."""
+    spin = (3.0, -20.0, 7.0)
+    options = f"spin={' '.join(map(str, spin))}"
+    what = "&response nu=30 80 method='linear' harmonics=1 /\n"
+    scene = f"&body {MASSES} {options} /\n" + "".join(
+        f"&mount_point name='{name}' position={place} stiffness=3e5 4e5 5e5 damping=100 20 30 /\n"
+        for name, place in (("a", "0.1 0.4 0.1"), ("b", "0 -0.4 0.1"), ("c", "0.3 0 -0.2"))
+    )  # fmt: skip
+    scene += "&load on='ry' amplitude=200 /\n"
+    run = run_both(solve, tmp_path, scene + what, "response")
+    columns = run.value.columns
+    body_here = run.scene.body()
+    plain = vv.Body(
+        mass=body_here.body_mass, inertia=body_here.inertia, center=body_here.center,
+        mounts=body_here.mounts,
+    )  # fmt: skip
+    h1, h2, h3 = spin
+    cross = np.array([[0, -h3, h2], [h3, 0, -h1], [-h2, h1, 0]])
+    for i, nu in enumerate((30.0, 80.0)):
+        matrix = plain.dynamic_stiffness(nu).astype(complex)
+        matrix[3:, 3:] -= 1j * nu * cross
+        expected = np.linalg.solve(matrix, [0, 0, 0, 0, 200, 0])
+        table = [
+            columns[f"{name}_1_re"][i] + 1j * columns[f"{name}_1_im"][i]
+            for name in body_here.dof_names
+        ]
+        np.testing.assert_allclose(table, expected, atol=1e-12 * np.abs(expected).max())
+    for more, told in (("&modes /", "must be 0 for &modes"),):
+        path = tmp_path / "no.nml"
+        path.write_text(scene + more)
+        done = solve(path, "--out", tmp_path / "none")
+        assert done.returncode == 2
+        assert told in done.stderr
+    path.write_text(scene.replace("spin", "geometry='exact' spin") + what)
+    assert "spin: must be 0 with geometry" in solve(path, "--out", tmp_path / "none").stderr
+
+
 def test_a_tumble_by_the_driver(solve, tmp_path):
     """Turns beyond 2 pi, the step found: the error is not that of another name of a rotation."""
     text = (

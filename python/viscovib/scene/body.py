@@ -30,6 +30,7 @@ def body_of(
         geometry=given["geometry"],
         load_axes=given["load_axes"],
         base_direction=given["base_direction"] if any(given["base_direction"]) else None,
+        spin=given["spin"],
     )
 
 
