@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import viscovib as vv
 from scipy.integrate import solve_ivp
+from viscovib.analyses.beat_stability import growth_of_neighbours
 
 BEATS = {
     # Each with the beats between its terms: one, two, and half of one (a mode that follows one load
@@ -102,3 +103,44 @@ def test_a_motion_that_settles_on_no_beats_is_told_with_what_follows_it():
     with pytest.warns(vv.RangeWarning, match=r"settle on no beats .*forced_response"):
         steady = vv.MultipleScales(pend).response("p1", [pend.p1])
     assert not steady.in_range.any()
+
+
+@pytest.mark.parametrize("name", ["cubic system", "pendulum"])
+def test_what_neighbours_grow_by_in_the_full_equations(name):
+    """Two integrated motions come together as told where modulation equations leave it open."""
+    system, p1, _ = BEATS[name]
+    scales = vv.MultipleScales(system)
+    response = scales.response("p1", [p1])
+    motion = response.beating(response.beating_points[0])
+    f, x = motion.frequencies, motion.harmonics
+    growth, error = growth_of_neighbours(
+        system, {"p1": p1}, f, x, motion.errors, scales.decay.min()
+    )
+    assert motion.stable is True
+    assert error < 0.2 * abs(growth)
+    assert motion.growth_error <= abs(motion.growth)
+    state = np.ravel(np.column_stack([x.sum(axis=0).real, ((1j * f) @ x).real]))
+    t = np.linspace(0, round(5 / abs(growth)), 501)
+    if name == "pendulum":
+        runs = [
+            vv.simulate(system, t[-1], initial=s, dt=0.1, method="dop8", keep="last").state
+            for s in (state, state * 1.001)
+        ]
+    else:
+        runs = [integrate(system, s, t) for s in (state, state * 1.001)]
+    apart = np.abs(runs[1][-1] - runs[0][-1]).max()
+    # What remains is e^-5 of a thousandth: within the fluctuation of a distance.
+    found = np.log(apart / (1e-3 * np.abs(state).max())) / t[-1]
+    assert abs(found - growth) < error + 1.5 / t[-1]
+
+
+def test_a_motion_that_the_equations_leave_has_no_verdict():
+    """Lines that are none of the motion's: the run ends elsewhere."""
+    system, p1, _ = BEATS["pendulum"]
+    response = vv.MultipleScales(system).response("p1", [p1])
+    motion = response.beating(response.beating_points[0])
+    lines = 1.5 * motion.harmonics
+    told = growth_of_neighbours(
+        system, {"p1": p1}, motion.frequencies, lines, motion.errors / 10, 0.0025
+    )
+    assert told[1] == np.inf

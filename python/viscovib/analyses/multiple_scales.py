@@ -12,6 +12,7 @@ import numpy.typing as npt
 
 from viscovib import _native
 from viscovib._native import ComplexArray, FloatArray, core
+from viscovib.analyses.beat_stability import growth_of_neighbours
 from viscovib.analyses.scales_form import ORDERINGS, ScalesForm
 from viscovib.analyses.scales_terms import FlowTerm, free_frequencies
 from viscovib.common.counts import things
@@ -335,6 +336,7 @@ class MultipleScales:
             _lines=(line_of[:n_lines] - 1, line_frequencies[:n_lines].copy(), lines.T[:n_lines]),
             _loads={f"p{k + 1}": float(self._form.drives[k]) for k in acting},
             _varied=f"p{load}" if vary == 1 else "",
+            _beside=partial(self._growth_beside, parameter),
             _units=self._units / sizes.T[kept, 3:],
             dof_names=self._names,
             _errors=partial(self._steady_errors, load, vary, where),
@@ -342,6 +344,18 @@ class MultipleScales:
                 f"computes: steady motions to third order at {things(where.size, 'value')} of "
                 f"{parameter} from {where[0]:g} to {where[-1]:g}, with stability"
             ),
+        )
+
+    def _growth_beside(
+        self,
+        parameter: str,
+        value: float,
+        frequencies: FloatArray,
+        harmonics: ComplexArray,
+        errors: FloatArray,
+    ) -> tuple[float, float]:
+        return growth_of_neighbours(
+            self.system, {parameter: value}, frequencies, harmonics, errors, self.decay.min()
         )
 
     def _steady_errors(

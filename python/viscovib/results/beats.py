@@ -47,8 +47,8 @@ class BeatingMotion(Result):
         Estimated error of a coordinate at any time, and so of each line, ``mean``, ``rms`` and
         ``largest``.
     growth : float
-        Mean exponential growth of small disturbances of the modulation equations (1/s); below 0
-        neighbours come back.
+        Mean exponential growth of small disturbances (1/s); below 0 neighbours come back. Of the
+        modulation equations; where their error does not decide, of the full equations.
     growth_error : float
         Estimated error of it.
     loads : dict

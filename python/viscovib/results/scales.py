@@ -313,6 +313,10 @@ class ScalesResponse(Result):
     _lines: tuple[npt.NDArray[np.int32], FloatArray, ComplexArray] = field(repr=False)
     #: Frequencies of the loads, and which of them is varied, if any.
     _loads: dict[str, float] = field(repr=False)
+    #: Growth of neighbours of a motion by the system's own equations, and its error.
+    _beside: Callable[[float, FloatArray, ComplexArray, FloatArray], tuple[float, float]] = field(
+        repr=False
+    )
     _varied: str = field(repr=False)
 
     kind = "multiple_scales"
@@ -347,7 +351,11 @@ class ScalesResponse(Result):
         return np.flatnonzero(np.isin(np.arange(self.index.size), self._lines[0]))
 
     def beating(self, point: int) -> BeatingMotion:
-        """The lines of a motion whose amplitudes beat, and its mean, rms and largest value."""
+        """The lines of a motion whose amplitudes beat, and its mean, rms and largest value.
+
+        Where the modulation equations do not decide its stability, a Pendulum's or a CubicSystem's
+        own equations are integrated beside it.
+        """
         i = _native.integer("point", point, 0, self.index.size - 1)
         of, frequencies, lines = self._lines
         which = of == i
@@ -355,14 +363,21 @@ class ScalesResponse(Result):
             raise InputError(f"point = {i}: is a steady motion, must be one of beating_points")
         value = float(self.at[i])
         loads = self._loads | ({self._varied: value} if self._varied else {})
+        errors = self.motion_errors[i].copy()
+        waves = np.ascontiguousarray(lines[which])
+        growth, growth_error = float(self._growth[i]), float(self.growth_error[i])
+        if abs(growth) <= growth_error:
+            exact = self._beside(value, frequencies[which], waves, errors)
+            if exact[1] < growth_error:
+                growth, growth_error = exact
         return BeatingMotion(
             value=value,
             n_beats=int(self.n_beats[i]),
             frequencies=frequencies[which],
-            harmonics=np.ascontiguousarray(lines[which]),
-            errors=self.motion_errors[i].copy(),
-            growth=float(self._growth[i]),
-            growth_error=float(self.growth_error[i]),
+            harmonics=waves,
+            errors=errors,
+            growth=growth,
+            growth_error=growth_error,
             loads=loads,
             dof_names=self.dof_names,
         )
