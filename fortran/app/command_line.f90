@@ -1,6 +1,7 @@
 !> The command line of viscovib-solve.
 module viscovib_command_line
   use viscovib_counters, only: counting
+  use viscovib_files, only: stem
   use viscovib_kinds, only: wp
   use viscovib_number_text, only: parse_real
   use viscovib_status, only: clipped, fail, status_input_error, status_type
@@ -8,7 +9,7 @@ module viscovib_command_line
   implicit none
   private
 
-  public :: command_line, read_command_line, scene_path
+  public :: command_line, read_command_line
 
   type :: scene_path
     character(len=:), allocatable :: path
@@ -117,16 +118,6 @@ contains
     longer(n + 1)%path = path
     call move_alloc(longer, command%scenes)
   end subroutine add_scene
-
-  !> Name of a file without its folder and what follows the last dot, as in names of tables.
-  pure function stem(path)
-    character(len=*), intent(in) :: path
-    character(len=:), allocatable :: stem
-    integer :: dot
-    stem = path(index(path, '/', back=.true.) + 1:)
-    dot = index(stem, '.', back=.true.)
-    if (dot > 1) stem = stem(:dot - 1)
-  end function stem
 
   !> A number behind an option.
   subroutine read_bound(name, word, value, status)

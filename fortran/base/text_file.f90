@@ -12,7 +12,7 @@ module viscovib_text_file
   implicit none
   private
 
-  public :: read_text_file, text_writer
+  public :: count_line_ends, read_text_file, text_writer
 
   !> Longest text that is read (bytes).
   integer, parameter :: max_size = 100000000
@@ -105,7 +105,7 @@ contains
     if (index(text, byte_order_mark) == 1) text = text(4:)
     i = first_strange_byte(text)
     if (i > 0) call fail(status, status_input_error, 'file', path//':' &
-                         //show(count_lines(text(:i)))//': byte '//show(iachar(text(i:i))) &
+                         //show(1 + count_line_ends(text(:i)))//': byte '//show(iachar(text(i:i))) &
                          //' found: this is not a text file (UTF-8)')
   end subroutine read_text_file
 
@@ -194,13 +194,13 @@ contains
     if (following == 0) start = 0
   end function first_strange_byte
 
-  pure integer function count_lines(text)
+  pure integer function count_line_ends(text)
     character(len=*), intent(in) :: text
     integer :: i
-    count_lines = 1
+    count_line_ends = 0
     do i = 1, len(text)
-      if (text(i:i) == new_line('a')) count_lines = count_lines + 1
+      if (text(i:i) == new_line('a')) count_line_ends = count_line_ends + 1
     end do
-  end function count_lines
+  end function count_line_ends
 
 end module viscovib_text_file

@@ -27,7 +27,7 @@ module viscovib_binding_tools
 
   public :: keep_moving, make_base, make_kernel, make_mount, make_system, make_pendulum, &
             make_load, make_options, report
-  public :: fill_stability, to_complex
+  public :: fill_stability, send, to_complex
 
   !> Length of the flat mount: mass, inertia, offset, stiffness_x,
   !! stiffness_phi, damping (4, column by column), cubic_scale, memory_scale,
@@ -225,6 +225,18 @@ contains
     text = one_line(outcome%message)
     call keep_message(text, len(text))
   end subroutine report
+
+  !> A text, as far as there is room, and how long it is.
+  pure subroutine send(given, text, n)
+    character(len=*), intent(in) :: given
+    character(len=1), intent(inout) :: text(:)
+    integer, intent(out) :: n
+    integer :: i
+    n = len(given)
+    do i = 1, min(n, size(text))
+      text(i) = given(i:i)
+    end do
+  end subroutine send
 
   !> A base that moves by waves and by cubics between breaks; one break: there are none.
   subroutine make_base(base, direction, frequencies, waves, breaks, pieces)

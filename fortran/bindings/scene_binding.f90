@@ -4,7 +4,7 @@
 !! If the text is longer than the room given, n_text says what is needed.
 subroutine scene_canonical(path, allow_paths, max_text, text, n_text, status)
   use, intrinsic :: iso_c_binding, only: c_int
-  use viscovib_binding_tools, only: report
+  use viscovib_binding_tools, only: report, send
   use viscovib_scene, only: read_scene, scene_type
   use viscovib_status, only: status_type
   implicit none
@@ -16,24 +16,18 @@ subroutine scene_canonical(path, allow_paths, max_text, text, n_text, status)
   integer(c_int), intent(out) :: n_text, status
   type(scene_type) :: scene
   type(status_type) :: outcome
-  integer :: i
 
   text = ' '
   n_text = 0
   call read_scene(path, scene, outcome, allow_paths=allow_paths /= 0)
-  if (.not. outcome%failed()) then
-    n_text = len(scene%canonical)
-    do i = 1, min(n_text, max_text)
-      text(i) = scene%canonical(i:i)
-    end do
-  end if
+  if (.not. outcome%failed()) call send(scene%canonical, text, n_text)
   call report(outcome, status)
 end subroutine scene_canonical
 
 !> As scene_canonical, from the text of a scene; `path` only names it in messages.
 subroutine scene_canonical_of_text(path, given, max_text, text, n_text, status)
   use, intrinsic :: iso_c_binding, only: c_int
-  use viscovib_binding_tools, only: report
+  use viscovib_binding_tools, only: report, send
   use viscovib_scene, only: read_scene, scene_type
   use viscovib_status, only: status_type
   implicit none
@@ -43,24 +37,18 @@ subroutine scene_canonical_of_text(path, given, max_text, text, n_text, status)
   integer(c_int), intent(out) :: n_text, status
   type(scene_type) :: scene
   type(status_type) :: outcome
-  integer :: i
 
   text = ' '
   n_text = 0
   call read_scene(path, scene, outcome, given)
-  if (.not. outcome%failed()) then
-    n_text = len(scene%canonical)
-    do i = 1, min(n_text, max_text)
-      text(i) = scene%canonical(i:i)
-    end do
-  end if
+  if (.not. outcome%failed()) call send(scene%canonical, text, n_text)
   call report(outcome, status)
 end subroutine scene_canonical_of_text
 
 !> What the scene of a text would compute and skip; `path` only names it in messages.
 subroutine scene_plan(path, given, max_text, text, n_text, status)
   use, intrinsic :: iso_c_binding, only: c_int
-  use viscovib_binding_tools, only: report
+  use viscovib_binding_tools, only: report, send
   use viscovib_run_scene, only: plan_scene
   use viscovib_scene, only: read_scene, scene_type
   use viscovib_status, only: status_type
@@ -72,18 +60,12 @@ subroutine scene_plan(path, given, max_text, text, n_text, status)
   type(scene_type) :: scene
   type(status_type) :: outcome
   character(len=:), allocatable :: lines
-  integer :: i
 
   text = ' '
   n_text = 0
   call read_scene(path, scene, outcome, given)
   if (.not. outcome%failed()) call plan_scene(scene, lines, outcome)
-  if (.not. outcome%failed()) then
-    n_text = len(lines)
-    do i = 1, min(n_text, max_text)
-      text(i) = lines(i:i)
-    end do
-  end if
+  if (.not. outcome%failed()) call send(lines, text, n_text)
   call report(outcome, status)
 end subroutine scene_plan
 
@@ -91,7 +73,7 @@ end subroutine scene_plan
 !! `path` names it. complete: 1 if all of it was found.
 subroutine scene_run(path, given, folder, max_text, text, n_text, complete, status)
   use, intrinsic :: iso_c_binding, only: c_int
-  use viscovib_binding_tools, only: report
+  use viscovib_binding_tools, only: report, send
   use viscovib_run_scene, only: run_scene_at => run_scene, scene_report
   use viscovib_scene, only: read_scene, scene_type
   use viscovib_status, only: status_type
@@ -105,7 +87,6 @@ subroutine scene_run(path, given, folder, max_text, text, n_text, complete, stat
   type(scene_type) :: scene
   type(scene_report) :: told
   type(status_type) :: outcome
-  integer :: i
 
   text = ' '
   n_text = 0
@@ -113,11 +94,8 @@ subroutine scene_run(path, given, folder, max_text, text, n_text, complete, stat
   call read_scene(path, scene, outcome, given)
   if (.not. outcome%failed()) call run_scene_at(scene, folder, version, told, outcome)
   if (.not. outcome%failed()) then
-    n_text = len(told%summary)
+    call send(told%summary, text, n_text)
     complete = merge(1, 0, told%complete)
-    do i = 1, min(n_text, max_text)
-      text(i) = told%summary(i:i)
-    end do
   end if
   call report(outcome, status)
 end subroutine scene_run

@@ -15,7 +15,7 @@ module viscovib_drive_torus
                                          amplitude_names(n_drives) = &
     [character(len=3) :: 'f0', 'm01', 'm02']
   !> What may vary: a frequency, 1 to 3; an amplitude, 4 to 6; all frequencies together.
-  integer, parameter, public :: varies_nothing = 0, varies_nu = 7
+  integer, parameter, public :: varies_nu = 7
   character(len=*), parameter, public :: varied_names(7) = &
     [character(len=3) :: frequency_names, amplitude_names, 'nu']
   !> Unknowns at most: where they need a matrix, which takes 130 MB then and its factors some
@@ -60,7 +60,7 @@ contains
   subroutine sort_drives(torus, frequency, amplitude, varies, subharmonic, max_denominator, status)
     type(drive_torus_type), intent(out) :: torus
     real(wp), intent(in) :: frequency(n_drives), amplitude(n_drives)
-    !> One of `varied_names`, or `varies_nothing`.
+    !> One of `varied_names`, or 0.
     integer, intent(in) :: varies
     !> Period of the motion in periods of the loads.
     integer, intent(in) :: subharmonic

@@ -28,14 +28,14 @@ module viscovib_hill_count
   use viscovib_constants, only: pi
   use viscovib_hill, only: hill_type
   use viscovib_hill_orders, only: fading_rate
-  use viscovib_hill_path, only: hill_path_type, new_hill_path
+  use viscovib_hill_path, only: hill_path_type
   use viscovib_kinds, only: wp
   use viscovib_oscillator, only: oscillator_type
   use viscovib_path_marks, only: mark_intervals
   implicit none
   private
 
-  public :: count_growing, count_right
+  public :: count_right
 
   !> No interval is loud where all changes together are less.
   real(wp), parameter :: quiet = 0.6_wp
@@ -48,22 +48,6 @@ module viscovib_hill_count
   real(wp), parameter, public :: on_axis = 1.0e-13_wp
 
 contains
-
-  !> Exponents with positive real part in the strip |Im lambda| <= d/2; -1: unknown.
-  subroutine count_growing(hill, system, known, n_growing, evaluations)
-    type(hill_type), intent(in) :: hill
-    class(oscillator_type), intent(in) :: system
-    !> Exponents found, both of conjugate pairs; NaN is passed over.
-    complex(wp), intent(in) :: known(:)
-    integer, intent(out) :: n_growing
-    !> Determinants that it took.
-    integer, intent(out) :: evaluations
-    type(hill_path_type) :: path
-
-    call new_hill_path(path, hill, system)
-    call count_right(hill, system, known, path, n_growing)
-    evaluations = path%n
-  end subroutine count_growing
 
   !> Exponents right of the line of a path in the strip |Im lambda| <= d/2; -1: unknown.
   subroutine count_right(hill, system, known, path, n_right)

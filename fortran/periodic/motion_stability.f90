@@ -1,8 +1,7 @@
 !> Stability of many periodic solutions of a system, without memory by Floquet multipliers,
 !! with memory by the exponents of Hill's determinant.
 module viscovib_motion_stability
-  use, intrinsic :: ieee_arithmetic, only: ieee_is_nan, ieee_negative_inf, ieee_quiet_nan, &
-    ieee_value
+  use, intrinsic :: ieee_arithmetic, only: ieee_is_nan, ieee_quiet_nan, ieee_value
   use viscovib_condensed_stability, only: condensed_judge, new_condensed_judge
   use viscovib_constants, only: pi
   use viscovib_eigenvalues, only: eigenvalues
@@ -19,7 +18,7 @@ module viscovib_motion_stability
   use viscovib_kinked_stability, only: kinked_multipliers
   use viscovib_lanes, only: n_lanes
   use viscovib_linear_along, only: few_modes_of
-  use viscovib_orbit_multipliers, only: told_apart
+  use viscovib_orbit_multipliers, only: logarithm, told_apart
   use viscovib_oscillator, only: oscillator_type
   use viscovib_product_eigenvalues, only: product_eigenvalues, product_type
   use viscovib_stopping, only: given_up
@@ -328,15 +327,6 @@ contains
     ! The sign of the matrix.
     logs = cmplx(real(logs), aimag(logs) - sign(pi, aimag(logs)), wp)
   end subroutine logs_of_product
-
-  elemental complex(wp) function logarithm(z)
-    complex(wp), intent(in) :: z
-    if (abs(z) > 0.0_wp) then
-      logarithm = log(z)
-    else
-      logarithm = cmplx(ieee_value(0.0_wp, ieee_negative_inf), 0.0_wp, wp)
-    end if
-  end function logarithm
 
   !> Exponents right of a line are counted by the argument principle and must all be found.
   subroutine by_hill(self, system, nu, x, stability, jumps, cancel, beside)

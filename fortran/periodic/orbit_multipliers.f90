@@ -1,12 +1,13 @@
 !> Floquet multipliers from the matrix that takes a disturbance over a period.
 module viscovib_orbit_multipliers
-  use, intrinsic :: ieee_arithmetic, only: ieee_is_nan, ieee_quiet_nan, ieee_value
+  use, intrinsic :: ieee_arithmetic, only: ieee_is_nan, ieee_negative_inf, ieee_quiet_nan, &
+    ieee_value
   use viscovib_eigenvalues, only: eigenvalues
   use viscovib_kinds, only: wp
   implicit none
   private
 
-  public :: multipliers_of, told_apart, count_larger
+  public :: multipliers_of, told_apart, count_larger, logarithm
 
   !> Beside a larger eigenvalue of a matrix those near the unit circle are lost, and beside one so
   !! many times as large the smallest.
@@ -25,6 +26,18 @@ contains
     if (found) call eigenvalues(matrix, multipliers, found)
     if (.not. found) multipliers = cmplx(ieee_value(0.0_wp, ieee_quiet_nan), 0.0_wp, wp)
   end subroutine multipliers_of
+
+  !> Minus infinity of 0, NaN of NaN.
+  elemental complex(wp) function logarithm(z)
+    complex(wp), intent(in) :: z
+    logarithm = z
+    if (ieee_is_nan(real(z))) return
+    if (abs(z) > 0.0_wp) then
+      logarithm = log(z)
+    else
+      logarithm = cmplx(ieee_value(0.0_wp, ieee_negative_inf), 0.0_wp, wp)
+    end if
+  end function logarithm
 
   !> Whether the eigenvalues of a matrix are all known beside its largest.
   pure logical function told_apart(values)

@@ -1,13 +1,12 @@
 !> Stability along a branch of periodic motions of a driven system, and where it changes.
 module viscovib_orbit_stability
-  use, intrinsic :: ieee_arithmetic, only: ieee_is_nan, ieee_negative_inf, ieee_value
   use viscovib_crossing_nodes, only: spectrum_type
   use viscovib_crossing_search, only: crossing_type, find_changes
   use viscovib_curve, only: curve_type
   use viscovib_curve_events, only: special_points
   use viscovib_kinds, only: wp
   use viscovib_orbit_floquet, only: orbit_floquet_type
-  use viscovib_orbit_multipliers, only: count_larger
+  use viscovib_orbit_multipliers, only: count_larger, logarithm
   use viscovib_stopping, only: is_set
   use viscovib_torus_balance, only: torus_balance_type
   implicit none
@@ -73,17 +72,6 @@ contains
                       [(count_larger(multipliers(:, i), orbit_circle), i=1, size(p))], folds, &
                       branch_points, crossings, cancel)
   end subroutine find_orbit_crossings
-
-  elemental complex(wp) function logarithm(z)
-    complex(wp), intent(in) :: z
-    logarithm = z
-    if (ieee_is_nan(real(z))) return
-    if (abs(z) > 0.0_wp) then
-      logarithm = log(z)
-    else
-      logarithm = cmplx(ieee_value(0.0_wp, ieee_negative_inf), 0.0_wp, wp)
-    end if
-  end function logarithm
 
   subroutine look(self, curve, p, x, near, eta, n_growing)
     class(orbit_spectrum), intent(inout) :: self

@@ -4,7 +4,7 @@ module viscovib_kernel_table
   use viscovib_kinds, only: wp
   use viscovib_number_text, only: parse_real
   use viscovib_status, only: fail, show, status_input_error, status_type
-  use viscovib_text_file, only: read_text_file
+  use viscovib_text_file, only: count_line_ends, read_text_file
   implicit none
   private
 
@@ -27,7 +27,7 @@ contains
     call read_text_file(path, text, status)
     if (status%failed()) return
     ! No more pairs than line ends, and one for a last line without.
-    allocate (pairs(2, 1 + count_lines(text)))
+    allocate (pairs(2, 1 + count_line_ends(text)))
     n = 0
     line = 0
     first = 1
@@ -88,14 +88,5 @@ contains
     n = verify(text, separators, back=.true.)
     text = text(:n)
   end function without_comment
-
-  pure integer function count_lines(text)
-    character(len=*), intent(in) :: text
-    integer :: i
-    count_lines = 0
-    do i = 1, len(text)
-      if (text(i:i) == new_line('a')) count_lines = count_lines + 1
-    end do
-  end function count_lines
 
 end module viscovib_kernel_table

@@ -52,7 +52,8 @@ _NAMES = {
     "results.curves": "BranchPoint Crossing",
     "results.ensemble": "Ensemble",
     "results.response": "Peak Response",
-    "results.scales": "Modulation Resonance ScalesMotion ScalesResponse",
+    "results.modulation": "Modulation Resonance",
+    "results.scales": "ScalesMotion ScalesResponse",
     "results.trajectory": "Trajectory",
     "rubber.amplitude_fit": "AmplitudeFit ProgressiveLaw fit_amplitude fit_progressive "
     "jenkins_stiffness",
@@ -198,13 +199,15 @@ if TYPE_CHECKING:
         Crossing as Crossing,
     )
     from viscovib.results.ensemble import Ensemble as Ensemble
+    from viscovib.results.modulation import (
+        Modulation as Modulation,
+        Resonance as Resonance,
+    )
     from viscovib.results.response import (
         Peak as Peak,
         Response as Response,
     )
     from viscovib.results.scales import (
-        Modulation as Modulation,
-        Resonance as Resonance,
         ScalesMotion as ScalesMotion,
         ScalesResponse as ScalesResponse,
     )

@@ -6,7 +6,7 @@ module test_hill
   use viscovib_curve_branch, only: curve_branch_type, curve_options, follow_curve
   use viscovib_harmonic_set, only: harmonic_set_type, new_harmonic_set
   use viscovib_hill, only: hill_type, new_hill
-  use viscovib_hill_count, only: count_growing, count_right
+  use viscovib_hill_count, only: count_right
   use viscovib_hill_path, only: hill_path_type, new_hill_path
   use viscovib_hill_roots, only: find_exponents
   use viscovib_kernel_holder, only: kernel_holder
@@ -62,7 +62,7 @@ contains
     type(hill_path_type) :: path
     real(wp) :: x(20)
     complex(wp) :: exponents(8), near(8), value, beside
-    integer :: i, n_growing, evaluations, backwards, found, again, total
+    integer :: i, n_growing, backwards, found, again, total
 
     call example(geometry, 0.05_wp, mount, load)
     call new_harmonic_set(set, 9, .true., mount%degree)
@@ -77,14 +77,14 @@ contains
     near = cmplx(ieee_value(0.0_wp, ieee_quiet_nan), 0.0_wp, wp)
     do i = 1, branch%n_points
       call hill%along(mount, branch%parameter(i), reshape(branch%x(:, i), [10, 2]))
-      call count_growing(hill, mount, near(:0), n_growing, evaluations)
+      call count_growing(hill, mount, near(:0), n_growing)
       call check(n_growing == merge(1, 0, branch%direction(i) < 0.0_wp), 'one grows there')
       call new_hill_path(path, hill, mount)
       call find_exponents(hill, mount, path, near, exponents)
       call count_right(hill, mount, exponents, path, again)
       call check(again == n_growing, 'and counted if it is known')
       total = total + path%n
-      call count_growing(hill, mount, [(0.2_wp, 0.0_wp)], again, evaluations)
+      call count_growing(hill, mount, [(0.2_wp, 0.0_wp)], again)
       call check(again == n_growing, 'and if something else is thought to be')
       found = count(.not. ieee_is_nan(real(exponents)))
       call check(count(real(exponents(:found)) > 0.0_wp) == n_growing, 'and is found')
@@ -106,7 +106,7 @@ contains
     type(hill_type) :: hill
     real(wp) :: x(10, 2)
     complex(wp) :: none(0)
-    integer :: n_growing, evaluations
+    integer :: n_growing
     logical :: half_wave
 
     call example(geometry_cubic, 0.0_wp, mount, load)
@@ -115,13 +115,24 @@ contains
     call new_harmonic_set(set, 9, half_wave, mount%degree)
     call new_hill(hill, mount, set)
     call hill%along(mount, 1.3_wp, x)
-    call count_growing(hill, mount, none, n_growing, evaluations)
+    call count_growing(hill, mount, none, n_growing)
     call check(n_growing == 2, 'odd orders')
     call new_harmonic_set(set, 4, .false., mount%degree)
     call new_hill(hill, mount, set)
     call hill%along(mount, 1.3_wp, x)
-    call count_growing(hill, mount, none, n_growing, evaluations)
+    call count_growing(hill, mount, none, n_growing)
     call check(n_growing == 2, 'all orders')
   end subroutine creep
+
+  !> Exponents that grow, beside those known.
+  subroutine count_growing(hill, system, known, n_growing)
+    type(hill_type), intent(in) :: hill
+    type(mount_type), intent(in) :: system
+    complex(wp), intent(in) :: known(:)
+    integer, intent(out) :: n_growing
+    type(hill_path_type) :: path
+    call new_hill_path(path, hill, system)
+    call count_right(hill, system, known, path, n_growing)
+  end subroutine count_growing
 
 end module test_hill

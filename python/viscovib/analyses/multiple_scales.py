@@ -18,10 +18,9 @@ from viscovib.analyses.scales_terms import FlowTerm, free_frequencies
 from viscovib.common.counts import things
 from viscovib.common.plan import Plan
 from viscovib.errors import InputError, RangeWarning, caller
+from viscovib.results.modulation import Modulation, Resonance
 from viscovib.results.scales import (
     LEAST_FALL,
-    Modulation,
-    Resonance,
     ScalesMotion,
     ScalesResponse,
     falling,

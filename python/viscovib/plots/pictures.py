@@ -22,8 +22,9 @@ from viscovib.plots.steady import plot_backbone, plot_branch, plot_response
 from viscovib.plots.style import COLOURS, bare
 from viscovib.results.branch import Branch
 from viscovib.results.ensemble import Ensemble
+from viscovib.results.modulation import Modulation
 from viscovib.results.response import Response, lowest_order
-from viscovib.results.scales import Modulation, ScalesResponse
+from viscovib.results.scales import ScalesResponse
 from viscovib.results.trajectory import Trajectory
 from viscovib.scene.table import TableResult
 

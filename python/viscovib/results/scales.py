@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
@@ -18,6 +18,7 @@ from viscovib.common.results import Result, span
 from viscovib.common.tables import Table
 from viscovib.errors import InputError
 from viscovib.results.beats import BeatingMotion
+from viscovib.results.modulation import Modulation
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -32,125 +33,6 @@ def falling(sizes: FloatArray) -> FloatArray:
     """Part of each order in the one before, from rows of the sizes of three orders."""
     first = np.maximum(sizes[:, 0], np.finfo(float).tiny)
     return np.asarray(np.maximum(sizes[:, 1] / first, np.sqrt(sizes[:, 2] / first)))
-
-
-class Resonance(NamedTuple):
-    """A condition of resonance: sum of multiples x frequencies near 0.
-
-    ``order`` is the order of the expansion in which it is felt; ``divisor`` is the sum over the
-    highest frequency in it, ``near`` whether that is within the tolerance asked for.
-
-    Examples
-    --------
-    >>> import viscovib as vv
-    >>> body = vv.Pendulum(
-    ...     e=0.1, w2=0.4, w3=0.8, alpha=0.5, c1=0.01, c2=0.01, c3=0.01, f0=0.002, p1=1.02
-    ... )
-    >>> near = vv.MultipleScales(body).resonances(tolerance=0.1)
-    >>> words = [str(one) for one in near]
-    """
-
-    names: tuple[str, ...]
-    multiples: tuple[int, ...]
-    order: int
-    divisor: float
-    near: bool
-
-    @property
-    def coefficients(self) -> dict[str, int]:
-        """Multiples that are not 0, by the frequency's name."""
-        return {name: c for name, c in zip(self.names, self.multiples, strict=True) if c}
-
-    @property
-    def label(self) -> str:
-        """The condition as in "w1 ~ 2 w2"; on the left what is alone, or has a load."""
-        sides: list[list[str]] = [[], []]
-        for name, c in self.coefficients.items():
-            sides[int(c < 0)].append(name if abs(c) == 1 else f"{abs(c)} {name}")
-        lone = [len(side) == 1 and " " not in side[0] for side in sides]
-        loaded = [any("p" in word for word in side) for side in sides]
-        if (lone[1], loaded[1]) > (lone[0], loaded[0]):
-            sides.reverse()
-        return " ~ ".join(" + ".join(side) for side in sides)
-
-    def __str__(self) -> str:
-        """Label, order and divisor."""
-        near = ", near" if self.near else ""
-        return f"{self.label}: order {self.order}, divisor {self.divisor:.4g}{near}"
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class Modulation(Result):
-    """Amplitudes in time, q = Re sum_j r_j A_j(t) exp(i frame_j t) + higher orders.
-
-    Attributes
-    ----------
-    t : ndarray, shape (n,)
-    complex_amplitudes : ndarray, shape (n, n_modes)
-        A_j.
-    frame : ndarray, shape (n_modes,)
-        Frequencies at which the frame of each amplitude turns.
-    initial : complex ndarray, shape (n_modes,)
-        Amplitudes at t = 0.
-    steps : int
-        Steps of the integration.
-    outcome : str
-        "complete", "overflow" (beyond all range), "step limit" or "cancelled".
-    plan : Plan
-        What was computed, what was skipped and why.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> import viscovib as vv
-    >>> body = vv.Pendulum(
-    ...     e=0.1, w2=0.4, w3=0.8, alpha=0.5, c1=0.01, c2=0.01, c3=0.01, f0=0.002, p1=1.02
-    ... )
-    >>> scales = vv.MultipleScales(body)
-    >>> slow = scales.modulation(np.linspace(0, 100, 50), [0.05, 0, 0.1, 0, 0, 0])
-    """
-
-    t: FloatArray
-    complex_amplitudes: ComplexArray
-    frame: FloatArray
-    initial: ComplexArray
-    steps: int
-    outcome: str
-    plan: Plan
-
-    kind = "modulation"
-
-    @property
-    def complete(self) -> bool:  # type: ignore[override]
-        """Whether the last time was reached."""
-        return self.outcome == "complete"
-
-    def _headline(self) -> str:
-        return f"{self.outcome}, {things(self.t.size, 'time')}, {things(self.steps, 'step')}"
-
-    def _scope(self) -> list[str]:
-        return [f"t: {span(self.t)}; {things(self.frame.size, 'mode')}"]
-
-    def to_dataset(self) -> xr.Dataset:
-        """Amplitudes and phases as an xarray Dataset over t."""
-        import xarray as xr
-
-        dims = ("t", "mode")
-        return xr.Dataset(
-            {"amplitude": (dims, self.amplitude), "phase": (dims, self.phase, {"units": "rad"})},
-            coords={"t": self.t},
-            attrs={"outcome": self.outcome, "plan": str(self.plan)},
-        )
-
-    @property
-    def amplitude(self) -> FloatArray:
-        """Real amplitudes b_j, shape (n, n_modes)."""
-        return np.abs(self.complex_amplitudes)
-
-    @property
-    def phase(self) -> FloatArray:
-        """Phases relative to the frame (rad), continuous in time, shape (n, n_modes)."""
-        return np.asarray(np.unwrap(np.angle(self.complex_amplitudes), axis=0))
 
 
 @dataclass(frozen=True, eq=False, repr=False)

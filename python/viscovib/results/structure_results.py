@@ -6,7 +6,7 @@ import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any, Self
+from typing import Any, ClassVar, Self
 
 import numpy as np
 
@@ -20,22 +20,17 @@ from viscovib.results.structure_view import View
 from viscovib.systems.condensed import LoadedStructure
 
 
-@dataclass(frozen=True, eq=False, repr=False)
-class StructureResponse(Response):
-    """A `Response` of a structure: ``coefficients`` of its coordinates, computed at first use."""
+class _OfStructure:
+    """What motions of a structure share: those of the coordinates condensed, shown in others."""
 
-    #: Harmonics of the condensed coordinates, relative to the base, shape (n, q, m).
-    _condensed: ComplexArray = field(default_factory=lambda: np.empty(0, complex), repr=False)
-    _view: View | None = field(default=None, repr=False)
+    _condensed: ComplexArray
+    _view: View | None
+    #: Fields that are held condensed, and where.
+    _held: ClassVar[dict[str, str]]
 
     def __post_init__(self) -> None:
-        self.__dict__.pop("coefficients", None)
-
-    @cached_property  # type: ignore[misc]
-    def coefficients(self) -> ComplexArray:
-        """X_k of the coordinates held."""
-        view = _known(self._view)
-        return view.expand(self.nu, self.harmonics, self._condensed)
+        for name in self._held:
+            self.__dict__.pop(name, None)
 
     @cached_property
     def deflections(self) -> ComplexArray:
@@ -59,6 +54,32 @@ class StructureResponse(Response):
         largest coordinate, all harmonics together. Motions are taken at even distances.
         """
         return _checked(self, points)
+
+    def at(self, coordinates: Sequence[str]) -> Self:
+        """The same motions in other coordinates of the structure."""
+        view = _known(self._view).at(coordinates)
+        given = {**self.__dict__, "_view": view}
+        given |= {name: self.__dict__[of] for name, of in self._held.items()}
+        given |= {"dof_names": view.names, "dof_units": view.units}
+        found: Self = _again(self, given)
+        return found
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class StructureResponse(_OfStructure, Response):
+    """A `Response` of a structure: ``coefficients`` of its coordinates, computed at first use."""
+
+    #: Harmonics of the condensed coordinates, relative to the base, shape (n, q, m).
+    _condensed: ComplexArray = field(default_factory=lambda: np.empty(0, complex), repr=False)
+    _view: View | None = field(default=None, repr=False)
+
+    _held: ClassVar = {"coefficients": "_condensed"}
+
+    @cached_property  # type: ignore[misc]
+    def coefficients(self) -> ComplexArray:
+        """X_k of the coordinates held."""
+        view = _known(self._view)
+        return view.expand(self.nu, self.harmonics, self._condensed)
 
     def dissipation(self) -> FloatArray:
         """Energy that each element takes from each motion in a period (J), shape (n, n_elements).
@@ -86,14 +107,6 @@ class StructureResponse(Response):
         ones = np.ones(self.nu.size)
         return dissipated(_known(self._view), self.nu, self.harmonics, self._condensed, ones)
 
-    def at(self, coordinates: Sequence[str]) -> Self:
-        """The same motions in other coordinates of the structure."""
-        view = _known(self._view).at(coordinates)
-        given = {**self.__dict__, "coefficients": self._condensed, "_view": view}
-        given |= {"dof_names": view.names, "dof_units": view.units}
-        found: Self = _again(self, given)
-        return found
-
     def _linear_sizes(self, d: int, j: int, nu: FloatArray) -> FloatArray:
         view = _known(self._view)
         own = self._linear_motions(nu) - view.loaded.base_motion(self.harmonics)
@@ -116,16 +129,14 @@ class StructureResponse(Response):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class StructureBranch(Branch):
+class StructureBranch(_OfStructure, Branch):
     """A `Branch` of a structure: ``coefficients`` of its coordinates, computed at first use."""
 
     _condensed: ComplexArray = field(default_factory=lambda: np.empty(0, complex), repr=False)
     _condensed_folds: ComplexArray = field(default_factory=lambda: np.empty(0, complex), repr=False)
     _view: View | None = field(default=None, repr=False)
 
-    def __post_init__(self) -> None:
-        self.__dict__.pop("coefficients", None)
-        self.__dict__.pop("fold_coefficients", None)
+    _held: ClassVar = {"coefficients": "_condensed", "fold_coefficients": "_condensed_folds"}
 
     @cached_property  # type: ignore[misc]
     def coefficients(self) -> ComplexArray:  # type: ignore[override]
@@ -142,29 +153,6 @@ class StructureBranch(Branch):
         factors = same if by_nu else self.folds
         return _known(self._view).expand(nu, self.harmonics, self._condensed_folds, factors)
 
-    @cached_property
-    def deflections(self) -> ComplexArray:
-        """Harmonics of the condensed coordinates, relative to the base, shape (n, q, m)."""
-        return self._condensed.copy()
-
-    @cached_property
-    def reduction_error(self) -> FloatArray:
-        """Estimated relative error of each motion by what a reduction left out, shape (n,).
-
-        By residuals of the full equations; harmonics above the frequency that the structure was
-        reduced for count as wrong. 0 for a structure that is not reduced.
-        """
-        return _left_out(self)
-
-    def check(self, points: int = 5) -> FloatArray:
-        """Errors of some motions against the full equations, solved directly, shape (points,).
-
-        Each harmonic of what acts on the linear rest (loads, elements, inertia of the base) is
-        applied to the full matrices, with a factorization of its own: |u - found|/|u| in the
-        largest coordinate, all harmonics together. Motions are taken at even distances.
-        """
-        return _checked(self, points)
-
     def dissipation(self) -> FloatArray:
         """As of `StructureResponse`; of a branch over the frequency or the load."""
         if self.varies not in ("nu", "load_factor"):
@@ -175,15 +163,6 @@ class StructureBranch(Branch):
         return dissipated(
             _known(self._view), self.nu, self.harmonics, self._condensed, self.load_factor
         )
-
-    def at(self, coordinates: Sequence[str]) -> Self:
-        """The same motions in other coordinates of the structure."""
-        view = _known(self._view).at(coordinates)
-        given = {**self.__dict__, "coefficients": self._condensed, "_view": view}
-        given |= {"fold_coefficients": self._condensed_folds}
-        given |= {"dof_names": view.names, "dof_units": view.units}
-        found: Self = _again(self, given)
-        return found
 
     def _summit(
         self, i: int, d: int, j: int, low: float, high: float
@@ -212,7 +191,7 @@ class StructureBranch(Branch):
         return (at, size) if found else None
 
 
-def _checked(result: StructureResponse | StructureBranch, points: int) -> FloatArray:
+def _checked(result: Any, points: int) -> FloatArray:
     from viscovib.systems.reduced import direct_motion
 
     view = _known(result._view)
@@ -234,7 +213,7 @@ def _checked(result: StructureResponse | StructureBranch, points: int) -> FloatA
     return errors
 
 
-def _left_out(result: StructureResponse | StructureBranch) -> FloatArray:
+def _left_out(result: Any) -> FloatArray:
     reduced = _known(result._view).loaded.condensation.reduced
     if reduced is None:
         return np.zeros(result.nu.size)
