@@ -96,3 +96,16 @@ def test_without_memory_and_with_equal_modes():
 def test_wrong_layers(layers, message):
     with pytest.raises(vv.InputError, match=message):
         vv.Structure(mass=[1, 1], stiffness=[1, 2]).characteristic_roots(1, layers=layers)
+
+
+def test_a_structure_of_few_coordinates_has_all_its_roots():
+    """Six are the default, and fewer where there are not as many."""
+    pair = vv.Structure(
+        mass=[1, 2], stiffness=[[3, -1], [-1, 2]], damping=[[0.2, -0.1], [-0.1, 0.1]],
+        elements=[vv.Spring(on="x1", law="d^3")],
+    )  # fmt: skip
+    whole = vv.PolynomialSystem(
+        mass=[1, 2], stiffness=[[3, -1], [-1, 2]], damping=[[0.2, -0.1], [-0.1, 0.1]]
+    )
+    roots = pair.characteristic_roots().oscillatory
+    np.testing.assert_allclose(roots, whole.characteristic_roots().oscillatory, rtol=1e-12)

@@ -12,7 +12,7 @@ FAMILIES = (
     "kernels", "rubber", "fits", "systems", "bodies", "laws", "hysteresis", "linear", "roots", "responses",
     "peaks", "branches", "crossings",
     "stability", "backbones", "steady", "motions", "switched", "events", "ensembles", "spectra", "scales", "scenes",
-    "structure_motions", "structure_stability", "structures", "sweeps", "tables",
+    "invariances", "structure_motions", "structure_stability", "structures", "sweeps", "tables",
 )  # fmt: skip
 #: Public names that have nothing to judge, and why.
 _ARRAYS = "its own arrays, which test_results compares"

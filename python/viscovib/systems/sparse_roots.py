@@ -76,7 +76,7 @@ def sparse_roots(model: LinearModel, count: int) -> tuple[ComplexArray, ComplexA
 def structure_roots(structure: Any, count: Any, layers: Any) -> CharacteristicRoots:
     """`Structure.characteristic_roots`."""
     n = structure.n_coordinates
-    wanted = _native.integer("count", count, 1, min(200, n))
+    wanted = _native.integer("count", min(6, n) if count is None else count, 1, min(200, n))
     if not isinstance(layers, (list, tuple)):
         raise InputError(f"layers = {_native.shown(layers)}: must be a list of (matrix, kernel)")
     model = linear_model(

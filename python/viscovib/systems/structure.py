@@ -417,7 +417,7 @@ class Structure:
         return None if self._reduced is None else self._reduced.reduction
 
     def characteristic_roots(
-        self, count: int = 6, *, layers: Sequence[tuple[Any, Kernel]] = ()
+        self, count: int | None = None, *, layers: Sequence[tuple[Any, Kernel]] = ()
     ) -> "CharacteristicRoots":
         """The first roots of det[M s^2 + C s + K + sum_j k_j e_j e_j' (1 - R_j(s))] = 0.
 
@@ -428,7 +428,8 @@ class Structure:
         Parameters
         ----------
         count : int
-            How many, by rising frequency of the modes they belong to.
+            How many, by rising frequency of the modes they belong to; None: 6, or all if there
+            are fewer.
         layers : sequence of (array, Kernel)
             Further stiffness matrices beside K that relax as a whole, with any kernel, beside those
             that the structure has.
