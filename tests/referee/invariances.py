@@ -204,7 +204,8 @@ def case(rng, index):
     method = makers[index % len(makers)]
     polynomial = method in (_free, _scales, _branch)
     rich = not polynomial and rng.random() < 0.6
-    memory = rich and method is not _many and rng.random() < 0.6
+    often = 0.9 if method is _motion else 0.6
+    memory = rich and method is not _many and rng.random() < often
     system = some_system(
         rng, memory, rich and not memory and method is not _many,
         method in (_response, _motion) and bool(rng.random() < 0.4),
@@ -260,15 +261,16 @@ def _response(rng, one, two):
 def _motion(rng, one, two):
     end, nu, place = even(rng, 4, 15), even(rng, 0.4, 2.5), int(rng.integers(one.n))
     start, level = rng.normal(size=(one.n, 2)) * 0.4, even(rng, -0.2, 0.2)
-    times = np.r_[np.geomspace(1e-12, 1e-2, 4) * end, np.linspace(0, end, 12)[1:]]
+    times = np.r_[np.geomspace(1e-11, 1e-2, 7) * end, np.linspace(0, end, 12)[1:]]
     memory = ", memory='exponentials'" if one.kernel else ""
-    lines = []
+    lines, given = [], bool(rng.random() < 0.5)
     for r, s, d in (("p", "a", one), ("q", "b", two)):
         x = d.names[d.place(place)]
         events = [f"{x} - ({number(level / d.units[place])})", f"{x}_dot"]
         lines.append(
             f"{r} = vv.simulate({s}, {number(end / d.time)}, load={d.load()}, "
-            f"nu={number(nu * d.time)}, initial={numbers(d.state(start))}, rtol=1e-9, "
+            f"nu={number(nu * d.time)}, initial={numbers(d.state(start))}, "
+            f"{f'dt={number(0.02 / d.time)}' if given else 'rtol=1e-9'}, "
             f"times={numbers(times / d.time)}, events={events!r}{memory})\n"
         )
 
