@@ -157,15 +157,16 @@ contains
     call new_load(load, n, orders, series(:n, :), series(n + 1, :), status)
   end subroutine make_load
 
-  !> 0 harmonics: chosen on the way.
+  !> 0 harmonics: chosen on the way; the tolerance relative, and absolute in coordinates.
   pure function make_options(harmonics, tolerance, max_iterations, relaxation, keep_history) &
     result(options)
     integer, intent(in) :: harmonics, max_iterations, keep_history
-    real(wp), intent(in) :: tolerance, relaxation
+    real(wp), intent(in) :: tolerance(2), relaxation
     type(response_options) :: options
     options%harmonics = harmonics
     options%choose_harmonics = harmonics == 0
-    options%tolerance = tolerance
+    options%tolerance = tolerance(1)
+    options%absolute = tolerance(2)
     options%max_iterations = max_iterations
     options%relaxation = relaxation
     options%keep_history = keep_history /= 0

@@ -19,7 +19,8 @@ subroutine mount_branch(flat, n_flat, kind_x, data_x, n_x, kind_phi, data_phi, n
                         coefficients, is_stop, n_folds, &
                         folds, fold_coefficients, n_branch_points, branch_points, branch_point_x, &
                         across, branch_before, stable, growing, multipliers, exponents, &
-                        n_crossings, kinds, before, crossings, crossing_coefficients, status)
+                        n_crossings, kinds, before, crossings, crossing_coefficients, allowed, &
+                        status)
   use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
   use, intrinsic :: iso_c_binding, only: c_double, c_double_complex, c_int
   use viscovib_binding_tools, only: fill_stability, make_load, make_options, make_system, report, &
@@ -60,6 +61,8 @@ subroutine mount_branch(flat, n_flat, kind_x, data_x, n_x, kind_phi, data_phi, n
   !! others.
   integer(c_int), intent(out) :: kept(max_points)
   real(c_double), intent(out) :: truncation(max_points)
+  !> Relative error that was allowed.
+  real(c_double), intent(out) :: allowed(max_points)
   complex(c_double_complex), intent(out) :: coefficients(n_kept, n_rows - 1, max_points)
   !> Of special points, at most max_special of a kind.
   real(c_double), intent(out) :: folds(max_special), branch_points(max_special)
@@ -111,7 +114,7 @@ subroutine mount_branch(flat, n_flat, kind_x, data_x, n_x, kind_phi, data_phi, n
   call make_system(system, vector, kind_x, data_x, kind_phi, data_phi, outcome)
   if (.not. outcome%failed()) call make_load(load, orders, series, outcome)
   if (.not. outcome%failed()) then
-    wanted = make_options(harmonics, options%tolerance, 100, 1.0_c_double, 0)
+    wanted = make_options(harmonics, [options%tolerance, options%absolute], 100, 1.0_c_double, 0)
     wanted%keep_idle = .true.
     wanted%symmetric = symmetric /= 0
     call new_response_plan(plan, system, load, [nu], method_newton, wanted, outcome)
@@ -140,6 +143,7 @@ subroutine mount_branch(flat, n_flat, kind_x, data_x, n_x, kind_phi, data_phi, n
       n_points = branch%n_points
       kept(:n_points) = branch%kept(:n_points)/(2*(n_rows - 1))
       truncation(:n_points) = branch%truncation(:n_points)
+      allowed(:n_points) = branch%allowed
       ended = branch%outcome
       p(:n_points) = branch%parameter(:n_points)
       iterations(:n_points) = branch%iterations(:n_points)

@@ -68,7 +68,8 @@ subroutine mount_plan(flat, n_flat, kind_x, data_x, n_x, kind_phi, data_phi, n_p
   integer(c_int), intent(in) :: with_stability, keep_idle
   real(c_double), intent(in) :: flat(n_flat), data_x(n_x), data_phi(n_phi), nu(n)
   complex(c_double_complex), intent(in) :: series(n_rows, n_series)
-  real(c_double), intent(in) :: tolerance, relaxation
+  !> Relative, and absolute in coordinates.
+  real(c_double), intent(in) :: tolerance(2), relaxation
   integer(c_int), intent(out) :: n_kept, kept(200), half_wave, n_samples, plan_method
   !> The plan of the responses, and the lines of it that hold for a branch.
   character(len=2048), intent(out) :: text, rest
@@ -118,7 +119,7 @@ subroutine mount_response(flat, n_flat, kind_x, data_x, n_x, kind_phi, data_phi,
                           max_iterations, relaxation, n_history, n_judged, begin, n_begin, &
                           coefficients, n_numbers, cancel, n_kept, outcomes, iterations, rate, &
                           highest, truncation, corrections, stable, multipliers, exponents, &
-                          status)
+                          allowed, status)
   use, intrinsic :: iso_c_binding, only: c_double, c_double_complex, c_int
   use viscovib_binding_tools, only: fill_stability, make_load, make_options, make_system, report
   use viscovib_forced_response, only: forced_response
@@ -136,7 +137,8 @@ subroutine mount_response(flat, n_flat, kind_x, data_x, n_x, kind_phi, data_phi,
   integer(c_int), intent(in) :: n_judged
   real(c_double), intent(in) :: flat(n_flat), data_x(n_x), data_phi(n_phi), nu(n)
   complex(c_double_complex), intent(in) :: series(n_rows, n_series)
-  real(c_double), intent(in) :: tolerance, relaxation
+  !> Relative, and absolute in coordinates.
+  real(c_double), intent(in) :: tolerance(2), relaxation
   !> Where Newton's method begins at the first frequency, relative to the base: unknowns of all
   !! orders that the plan allows; from rest if there is but one number.
   integer(c_int), intent(in) :: n_begin
@@ -149,6 +151,8 @@ subroutine mount_response(flat, n_flat, kind_x, data_x, n_x, kind_phi, data_phi,
   complex(c_double_complex), intent(inout) :: coefficients(n_numbers)
   integer(c_int), intent(out) :: n_kept, outcomes(n), iterations(n), highest(n)
   real(c_double), intent(out) :: rate(n), truncation(n), corrections(n_history, n)
+  !> Relative error that was allowed.
+  real(c_double), intent(out) :: allowed(n)
   !> As in `stability_type`, NaN where there are none.
   integer(c_int), intent(out) :: stable(n_judged)
   complex(c_double_complex), intent(out) :: multipliers(2*n_rows + 2, n_judged)
@@ -192,6 +196,7 @@ subroutine mount_response(flat, n_flat, kind_x, data_x, n_x, kind_phi, data_phi,
     outcomes = response%outcome
     highest = response%highest
     truncation = response%truncation
+    allowed = response%allowed
     iterations = response%iterations
     rate = response%rate
     if (size(response%corrections, 1) == n_history) corrections = response%corrections

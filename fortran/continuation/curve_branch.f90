@@ -124,7 +124,7 @@ contains
     allocate (f%stops(0), f%places(0))
     if (allocated(options%stops)) f%stops = options%stops
     call new_corrector(f%corrector, curve, options%tolerance, &
-                       max(abs(options%start), abs(options%finish)), x)
+                       max(abs(options%start), abs(options%finish)), x, options%absolute)
     do k = 1, size(f%points)
       call new_point(f%points(k), curve%n)
     end do
@@ -315,7 +315,8 @@ contains
     f%stop_point%slope_x = f%here%slope_x
     largest = f%corrector%largest
     p_scale = f%corrector%p_scale
-    call new_corrector(f%corrector, f%curve, f%options%tolerance, p_scale, f%here%x)
+    call new_corrector(f%corrector, f%curve, f%options%tolerance, p_scale, f%here%x, &
+                       f%options%absolute)
     f%corrector%largest = largest
     if (branch%n_points > 1) call aim(f%corrector, f%before, f%here)
   end subroutine change_size

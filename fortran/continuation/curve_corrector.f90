@@ -46,6 +46,8 @@ module viscovib_curve_corrector
   !> What the corrector works in, and whether it last met the end of the range.
   type, extends(curve_metric) :: corrector_type
     real(wp) :: tolerance = 0.0_wp
+    !> Allowed besides, in the norm of the weights.
+    real(wp) :: least = 0.0_wp
     logical :: outside = .false.
     !> Whether the curve tells its groups of unknowns, so that steps and rounding are looked at.
     logical, private :: looks_at_groups = .false.
@@ -62,13 +64,16 @@ module viscovib_curve_corrector
 
 contains
 
-  subroutine new_corrector(corrector, curve, tolerance, p_scale, x)
+  subroutine new_corrector(corrector, curve, tolerance, p_scale, x, absolute)
     type(corrector_type), intent(out) :: corrector
     class(curve_type), intent(in) :: curve
     real(wp), intent(in) :: tolerance
     !> Size of the parameters met.
     real(wp), intent(in) :: p_scale
     real(wp), intent(in) :: x(:)
+    !> Error of unknowns that is allowed besides, in their units.
+    real(wp), intent(in), optional :: absolute
+    real(wp) :: lightest
     integer :: n
 
     n = curve%n
@@ -83,6 +88,11 @@ contains
     if (allocated(curve%weights)) corrector%weights = curve%weights
     allocate (corrector%sizes(n + 1), corrector%largest_of(n + 1), source=1.0_wp)
     corrector%tolerance = tolerance
+    if (present(absolute)) then
+      ! Half: of a pair, |Re| + |Im| is up to the root of 2 of its length.
+      lightest = minval(corrector%weights, corrector%weights > 0.0_wp)
+      if (absolute > 0.0_wp) corrector%least = absolute*sqrt(0.5_wp*lightest)
+    end if
     corrector%looks_at_groups = allocated(curve%last_of_group)
     corrector%p_scale = p_scale
     corrector%largest = sum(corrector%weights*x**2)
@@ -148,12 +158,13 @@ contains
     logical, intent(out) :: made
     !> Take derivatives anew each time, for a point and tangent to rounding.
     logical, intent(in) :: exact
-    real(wp) :: weight_x, weight_p, change, before, rate
+    real(wp) :: weight_x, weight_p, change, before, rate, allowed
     integer :: k
     logical :: fresh, was_fresh, inside, singular, settled
 
     made = .false.
     call metric(c, here, weight_x, weight_p)
+    allowed = c%tolerance + c%least*sqrt(weight_x)
     call predict(c, here, step, next)
     fresh = .true.
     was_fresh = .false.
@@ -182,7 +193,7 @@ contains
       next%error = change
       if (change <= rounding .or. settled) exit
       ! Determinant and tangent are those of the point before the last correction.
-      if (fresh .and. change <= c%tolerance .and. (.not. exact .or. change <= nearly_rounding &
+      if (fresh .and. change <= allowed .and. (.not. exact .or. change <= nearly_rounding &
                                                    .or. (k > 1 .and. change &
                                                          > fast_enough*before))) exit
       if (.not. exact .and. k >= longest) return
@@ -192,7 +203,7 @@ contains
           ! Other factors may tell nothing of the direction that hardly changes the equations.
           fresh = .true.
         else if (change < fast_enough*before) then
-          if (change**2 <= max(far_below*c%tolerance, rounding)*(before - change)) then
+          if (change**2 <= max(far_below*allowed, rounding)*(before - change)) then
             next%error = change**2/(before - change)
             exit
           end if

@@ -29,12 +29,13 @@ module viscovib_curve_record
   end type option_type
 
   !> All of them, in the order in which callers pass their values.
-  type(option_type), parameter, public :: curve_table(5) = &
+  type(option_type), parameter, public :: curve_table(6) = &
     [option_type('tolerance', 1.0e-10_wp, min_tolerance, max_tolerance, .false.), &
      option_type('max_points', 2000.0_wp, 2.0_wp, 1.0e5_wp, .true.), &
      option_type('max_step', 0.1_wp, 1.0e-4_wp, 1.0_wp, .false.), &
      option_type('max_folds', 1.0e5_wp, 1.0_wp, 1.0e5_wp, .true.), &
-     option_type('angle', 0.12_wp, 0.01_wp, 0.3_wp, .false.)]
+     option_type('angle', 0.12_wp, 0.01_wp, 0.3_wp, .false.), &
+     option_type('atol', 0.0_wp, 0.0_wp, 1.0e30_wp, .false.)]
 
   type :: curve_options
     !> Where p begins and ends; the branch also ends if p falls back behind its
@@ -51,6 +52,8 @@ module viscovib_curve_record
     integer :: max_folds = int(curve_table(4)%default)
     !> Wanted angle between successive tangents (rad).
     real(wp) :: angle = curve_table(5)%default
+    !> Error of unknowns that is allowed besides, in their units.
+    real(wp) :: absolute = curve_table(6)%default
   contains
     procedure :: values
     procedure :: set
@@ -71,6 +74,8 @@ module viscovib_curve_record
     !! changes, relative to x, shape (max_points).
     integer, allocatable :: kept(:)
     real(wp), allocatable :: truncation(:)
+    !> Relative error that was allowed there, where the curve is of motions of an oscillator.
+    real(wp), allocatable :: allowed(:)
     type(special_points) :: folds, branch_points
     !> Which points are stops.
     integer, allocatable :: stops(:)
@@ -88,7 +93,7 @@ contains
     class(curve_options), intent(in) :: self
     real(wp) :: values(size(curve_table))
     values = [self%tolerance, real(self%max_points, wp), self%max_step, real(self%max_folds, wp), &
-              self%angle]
+              self%angle, self%absolute]
   end function values
 
   pure subroutine set(self, values)
@@ -99,6 +104,7 @@ contains
     self%max_step = values(3)
     self%max_folds = nint(values(4))
     self%angle = values(5)
+    self%absolute = values(6)
   end subroutine set
 
   !> Options as callers pack them: start, finish, the values of `curve_table`, stops.

@@ -128,7 +128,7 @@ contains
     call tabulate(self%varies, orders, highest, branch, stability, crossings, &
                   subject%coordinates(self%wanted), subject%units(self%wanted), table)
     call sink%put(this_kind(), table, status)
-    short = count(branch%truncation(:branch%n_points) > self%options%tolerance)
+    short = count(branch%truncation(:branch%n_points) > branch%allowed)
     report%complete = branch%outcome == curve_completed .and. short == 0
     report%summary = trim(curve_outcomes(branch%outcome))//', ' &
                      //things(branch%n_points, 'point')//', '//things(branch%folds%n, 'fold')

@@ -69,7 +69,7 @@ contains
                            subject%units(self%wanted), table)
     call sink%put(this_kind(), table, status)
     short = count(pack(response%truncation, response%outcome == outcome_converged) &
-                  > plan%options%tolerance)
+                  > pack(response%allowed, response%outcome == outcome_converged))
     report%complete = found == size(self%nu) .and. short == 0
     report%summary = show(found)//' of ' &
                      //things(size(self%nu), 'frequency', 'frequencies')//' solved'

@@ -12,6 +12,10 @@ module viscovib_balance_ladder
 
   public :: balance_ladder_type, lowest_order, new_ladder, one_rung, judging_order
 
+  !> Part of a motion that leaving out orders may change at most, if that is within what is allowed
+  !! besides.
+  real(wp), parameter :: most_allowed = 0.5_wp
+
   type :: rung_type
     logical :: ready = .false.
     !> Frequencies for which balance and compliance stand, 0 for none.
@@ -26,11 +30,14 @@ module viscovib_balance_ladder
   type :: balance_ladder_type
     !> Rungs that may be solved on; above them are some for judging only.
     integer :: n_rungs = 0
+    !> Error allowed in motions besides what is relative, in the norm of `weighted_norm`.
+    real(wp) :: least = 0.0_wp
     logical, private :: half_wave = .false.
     integer, private :: degree = 0, lowest = 1, step = 1
     type(load_type), private :: load
     type(rung_type), allocatable :: rungs(:)
   contains
+    procedure :: allowed
     procedure :: highest
     procedure :: n_orders
     procedure :: rung_of
@@ -112,6 +119,16 @@ contains
     call new_balance(ladder%rungs(1)%balance, system, set)
     ladder%rungs(1)%ready = .true.
   end subroutine one_rung
+
+  !> The relative error allowed of a motion of a size in the norm of `weighted_norm`, less than all
+  !! of it.
+  pure real(wp) function allowed(self, tolerance, norm)
+    class(balance_ladder_type), intent(in) :: self
+    real(wp), intent(in) :: tolerance, norm
+    allowed = tolerance
+    if (.not. self%least > 0.0_wp) return
+    allowed = min(most_allowed, tolerance + self%least/max(norm, tiny(norm)**0.5_wp))
+  end function allowed
 
   !> Highest order of a rung.
   pure integer function highest(self, rung)

@@ -112,7 +112,7 @@ contains
     call successive_response(system, load, nu, set, plan%options, response)
     do
       few = pack([(i, i=1, size(nu))], response%outcome == outcome_converged)
-      few = pack(few, response%truncation(few) > plan%options%tolerance)
+      few = pack(few, response%truncation(few) > response%allowed(few))
       if (size(few) == 0 .or. highest == plan%most) return
       worst = maxval(response%truncation(few))
       ! Orders fall off geometrically: go on as far as that suggests, and a little more.

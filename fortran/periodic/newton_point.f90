@@ -30,7 +30,8 @@ contains
 
   !> Solve at the frequency and load that `balance` is set to, from x on; x is left
   !! as it was found unless the outcome is converged.
-  subroutine newton_point(balance, system, tolerance, x, outcome, iterations, factors, to_rounding)
+  subroutine newton_point(balance, system, tolerance, x, outcome, iterations, factors, &
+                          to_rounding, least)
     type(balance_type), intent(inout) :: balance
     class(oscillator_type), intent(in) :: system
     !> Relative size of the last correction, in the norm of `weighted_norm`.
@@ -44,13 +45,17 @@ contains
     type(newton_factors), intent(inout), optional :: factors
     !> Whether what rounding leaves is enough where that is more than the tolerance.
     logical, intent(in), optional :: to_rounding
+    !> Allowed besides, in the same norm.
+    real(wp), intent(in), optional :: least
     real(wp) :: new(size(x, 1), size(x, 2)), step(size(x, 1), size(x, 2))
     real(wp) :: jacobian(size(x), size(x))
-    real(wp) :: change, before, smallest, norm
+    real(wp) :: change, before, smallest, norm, besides
     integer :: pivots(size(x)), k
     logical :: singular, settled
 
     new = x
+    besides = 0.0_wp
+    if (present(least)) besides = least
     before = 0.0_wp
     smallest = sqrt(huge(1.0_wp))
     outcome = outcome_stalled
@@ -76,7 +81,7 @@ contains
       if (present(to_rounding)) settled = to_rounding .and. k > 4 .and. change > shrinking*before &
                                           .and. max(change, before) <= small_enough*norm
       before = change
-      if (change <= tolerance*norm .or. settled) then
+      if (change <= tolerance*norm + besides .or. settled) then
         outcome = outcome_converged
         x = new
         if (present(factors)) then
@@ -96,7 +101,7 @@ contains
   !> Solve from the linear response, or, where that is too far away, by following
   !! the branch from no load to the whole, through folds if need be.
   subroutine point_from_rest(balance, system, load, tolerance, x, outcome, iterations, cancel, &
-                             factors, to_rounding)
+                             factors, to_rounding, least)
     type(balance_type), intent(inout) :: balance
     class(oscillator_type), intent(in) :: system
     type(load_type), intent(in) :: load
@@ -109,13 +114,14 @@ contains
     type(newton_factors), intent(inout), optional :: factors
     !> As for `newton_point`.
     logical, intent(in), optional :: to_rounding
+    real(wp), intent(in), optional :: least
     type(oscillator_curve_type) :: curve
     type(curve_branch_type) :: branch
     integer :: direct
 
     x = 0.0_wp
     call newton_point(balance, system, tolerance, x, outcome, iterations, factors, &
-                      to_rounding)
+                      to_rounding, least)
     direct = outcome
     if (outcome == outcome_converged .or. size(load%orders) == 0) return
     ! Nothing leads to no load.
@@ -133,7 +139,7 @@ contains
     end if
     x = reshape(branch%x(:, branch%n_points), shape(x))
     call newton_point(balance, system, tolerance, x, outcome, iterations, factors, &
-                      to_rounding)
+                      to_rounding, least)
   end subroutine point_from_rest
 
 end module viscovib_newton_point

@@ -6,7 +6,7 @@ module viscovib_newton_response
   use viscovib_harmonic_set, only: harmonic_set_type
   use viscovib_kinds, only: wp
   use viscovib_load, only: load_type
-  use viscovib_motion_norm, only: newton_factors
+  use viscovib_motion_norm, only: newton_factors, weighted_norm
   use viscovib_motion_stability, only: judge_type, new_judge
   use viscovib_newton_point, only: newton_point, point_from_rest
   use viscovib_oscillator, only: oscillator_type
@@ -65,6 +65,7 @@ contains
     integer :: i, rest
 
     rest = ladder%rung_of(orders_from_rest)
+    ladder%least = options%least
     call ladder%prepare(rest, system, load, nu(1))
     call response%allocate_for(nu, ladder%rungs(rest)%balance%set%orders, system%n_dof(), 0)
     call walk%begin(rest, 2*ladder%n_orders(ladder%n_rungs), system%n_dof())
@@ -83,6 +84,7 @@ contains
         cycle
       end if
       call keep(walk, ladder, i, response)
+      call response%allow(options, i, weighted_norm(system, walk%x))
       call walk%advance(nu(i))
     end do
     if (options%stability) then
@@ -170,7 +172,7 @@ contains
     self%x(m + 1:self%rows, :) = 0.0_wp
     self%m = m
     call newton_point(ladder%rungs(self%choice%rung)%balance, system, tolerance, self%x(:m, :), &
-                      self%outcome, iterations, self%factors)
+                      self%outcome, iterations, self%factors, least=ladder%least)
     call self%add_orders(system, load, nu, ladder, tolerance, iterations)
   end subroutine attempt
 
@@ -189,7 +191,8 @@ contains
     self%m = m
     self%x = 0.0_wp
     call point_from_rest(ladder%rungs(self%choice%rung)%balance, system, load, tolerance, &
-                         self%x(:m, :), self%outcome, iterations, cancel, self%factors)
+                         self%x(:m, :), self%outcome, iterations, cancel, self%factors, &
+                         least=ladder%least)
     call self%add_orders(system, load, nu, ladder, tolerance, iterations)
   end subroutine raise_load
 

@@ -6,6 +6,7 @@ module viscovib_oscillator_curve
   use viscovib_harmonic_set, only: harmonic_set_type
   use viscovib_kinds, only: wp
   use viscovib_load, only: load_type
+  use viscovib_motion_norm, only: weighted_norm
   use viscovib_oscillator, only: oscillator_type
   use viscovib_oscillator_modes, only: least_loss
   use viscovib_order_rules, only: better_rung, max_vain, rung_for_next
@@ -176,21 +177,23 @@ contains
     class(oscillator_curve_type), intent(inout) :: self
     real(wp), intent(in) :: x(:), truncation, own
     logical, intent(out) :: again
+    real(wp) :: motion(self%n/self%blocks, self%blocks), allowed
 
     again = .false.
-    if (truncation > self%tolerance .and. self%rung < self%ladder%n_rungs) then
-      if (truncation > 0.5_wp*self%previous .and. own <= self%tolerance) self%vain = self%vain + 1
+    motion = reshape(x, shape(motion))
+    allowed = self%ladder%allowed(self%tolerance, weighted_norm(self%system, motion))
+    if (truncation > allowed .and. self%rung < self%ladder%n_rungs) then
+      if (truncation > 0.5_wp*self%previous .and. own <= allowed) self%vain = self%vain + 1
       again = self%vain < max_vain
     end if
     if (again) then
       self%previous = truncation
-      self%next_rung = better_rung(self%ladder, self%rung, truncation, self%tolerance)
+      self%next_rung = better_rung(self%ladder, self%rung, truncation, allowed)
     else
       self%previous = huge(1.0_wp)
       self%vain = 0
-      self%next_rung = rung_for_next(self%ladder, self%system, &
-                                     reshape(x, [self%n/self%blocks, self%blocks]), truncation, &
-                                     own, self%tolerance, self%rung)
+      self%next_rung = rung_for_next(self%ladder, self%system, motion, truncation, own, allowed, &
+                                     self%rung)
     end if
   end subroutine choose_size
 

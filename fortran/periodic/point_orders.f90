@@ -7,7 +7,7 @@ module viscovib_point_orders
   use viscovib_balance_ladder, only: balance_ladder_type
   use viscovib_kinds, only: wp
   use viscovib_load, only: load_type
-  use viscovib_motion_norm, only: newton_factors
+  use viscovib_motion_norm, only: newton_factors, weighted_norm
   use viscovib_newton_point, only: newton_point
   use viscovib_order_rules, only: better_rung, max_vain, rung_for_next
   use viscovib_oscillator, only: oscillator_type
@@ -37,7 +37,7 @@ contains
     type(load_type), intent(in) :: load
     !> Circular frequency (rad/s); the load's factor is that of the rung's balance.
     real(wp), intent(in) :: nu
-    !> Relative, of the iteration and of the truncation.
+    !> Relative, of the iteration and of the truncation; the ladder says what is allowed besides.
     real(wp), intent(in) :: tolerance
     !> Shape (2 n_orders of the highest rung, n_dof), 0 beyond the orders kept.
     real(wp), intent(inout) :: x(:, :)
@@ -49,7 +49,7 @@ contains
     !> Added to.
     integer, intent(inout) :: iterations
     real(wp), allocatable :: change(:, :)
-    real(wp) :: outside, previous, factor
+    real(wp) :: outside, previous, factor, allowed
     integer :: rung, next, m, n, vain
 
     rung = choice%rung
@@ -69,11 +69,12 @@ contains
                                  change, choice%truncation, outside)
       end associate
       choice%solved = rung
-      if (choice%truncation <= tolerance .or. rung == ladder%n_rungs) exit
-      if (choice%truncation > 0.5_wp*previous .and. outside <= tolerance) vain = vain + 1
+      allowed = ladder%allowed(tolerance, weighted_norm(system, x))
+      if (choice%truncation <= allowed .or. rung == ladder%n_rungs) exit
+      if (choice%truncation > 0.5_wp*previous .and. outside <= allowed) vain = vain + 1
       if (vain >= max_vain) exit
       previous = choice%truncation
-      next = better_rung(ladder, rung, choice%truncation, tolerance)
+      next = better_rung(ladder, rung, choice%truncation, allowed)
       n = min(n, 2*ladder%n_orders(next))
       x(:n, :) = x(:n, :) + change(:n, :)
       rung = next
@@ -81,13 +82,13 @@ contains
       m = 2*ladder%n_orders(rung)
       ladder%rungs(rung)%balance%load_factor = factor
       call newton_point(ladder%rungs(rung)%balance, system, tolerance, x(:m, :), outcome, &
-                        iterations, factors)
+                        iterations, factors, least=ladder%least)
       if (outcome /= outcome_converged) then
         choice%rung = rung
         return
       end if
     end do
-    choice%rung = rung_for_next(ladder, system, x, choice%truncation, outside, tolerance, rung)
+    choice%rung = rung_for_next(ladder, system, x, choice%truncation, outside, allowed, rung)
   end subroutine choose_orders
 
 end module viscovib_point_orders

@@ -18,6 +18,8 @@ module viscovib_response
     logical :: choose_harmonics = .false.
     !> Wanted relative error of the iteration, in the norm of `successive`.
     real(wp) :: tolerance = 1.0e-10_wp
+    !> Allowed besides in each coordinate, in its unit; and what that is in the norm.
+    real(wp) :: absolute = 0.0_wp, least = 0.0_wp
     integer :: max_iterations = 200
     !> Fraction of each correction that is taken, in (0, 1]; 0: start with 1
     !! and halve, up to four times, where the iteration does not converge.
@@ -47,6 +49,8 @@ module viscovib_response
     !! and the estimated relative error of leaving out those above, shape (n).
     integer, allocatable :: highest(:)
     real(wp), allocatable :: truncation(:)
+    !> Relative error that was allowed: the tolerance and what is allowed besides, shape (n).
+    real(wp), allocatable :: allowed(:)
     !> Relative size of each correction, shape (0 or max_iterations, n); NaN
     !! past the last.
     real(wp), allocatable :: corrections(:, :)
@@ -54,6 +58,7 @@ module viscovib_response
     type(stability_type) :: stability
   contains
     procedure :: allocate_for
+    procedure :: allow
     procedure :: discard
     procedure :: widen
     procedure :: replace
@@ -76,10 +81,23 @@ contains
     allocate (self%iterations(size(nu)), source=0)
     allocate (self%rate(size(nu)), source=0.0_wp)
     allocate (self%truncation(size(nu)), source=0.0_wp)
+    allocate (self%allowed(size(nu)), source=0.0_wp)
     allocate (self%highest(size(nu)), source=max(0, maxval(orders)))
     allocate (self%corrections(n_history, size(nu)))
     self%corrections = ieee_value(0.0_wp, ieee_quiet_nan)
   end subroutine allocate_for
+
+  !> Say what error is allowed of a motion of a size in the norm of `weighted_norm`.
+  pure subroutine allow(self, options, i, norm)
+    class(response_type), intent(inout) :: self
+    type(response_options), intent(in) :: options
+    integer, intent(in) :: i
+    real(wp), intent(in) :: norm
+    self%allowed(i) = options%tolerance
+    if (self%outcome(i) /= outcome_converged) return
+    if (options%least > 0.0_wp) self%allowed(i) = options%tolerance &
+                                                  + options%least/max(norm, tiny(norm)**0.5_wp)
+  end subroutine allow
 
   !> No solution at point i: leave no number that could be taken for one.
   subroutine discard(self, i, outcome)
@@ -125,6 +143,7 @@ contains
     self%rate(places) = better%rate
     self%highest(places) = better%highest
     self%truncation(places) = better%truncation
+    self%allowed(places) = better%allowed
     self%corrections(:, places) = better%corrections
   end subroutine replace
 

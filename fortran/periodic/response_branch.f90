@@ -7,6 +7,7 @@ module viscovib_response_branch
   use viscovib_damped_start, only: point_from_damping
   use viscovib_harmonic_set, only: harmonic_set_type
   use viscovib_kinds, only: wp
+  use viscovib_motion_norm, only: weighted_norm
   use viscovib_newton_point, only: newton_point, point_from_rest
   use viscovib_oscillator_curve, only: oscillator_curve_type
   use viscovib_order_rules, only: most_along
@@ -48,7 +49,7 @@ contains
     type(balance_ladder_type) :: ladder
     real(wp), allocatable :: x(:, :)
     real(wp) :: nu, factor
-    integer :: iterations, rung
+    integer :: iterations, rung, i
     logical :: made
 
     outcome = outcome_converged
@@ -66,6 +67,7 @@ contains
     else
       call one_rung(ladder, curve%system, curve%load, plan%set)
     end if
+    ladder%least = plan%options%least
     call ladder%prepare(rung, curve%system, curve%load, nu)
     call curve%choose_from(ladder, rung, options%tolerance)
     if (present(departure)) then
@@ -83,7 +85,8 @@ contains
         x = reshape([real(wp) ::], [curve%n/curve%blocks, curve%blocks], pad=[0.0_wp])
         iterations = 0
         call point_from_rest(curve%balance, curve%system, curve%load, options%tolerance, x, &
-                             outcome, iterations, cancel, to_rounding=.true.)
+                             outcome, iterations, cancel, to_rounding=.true., &
+                             least=ladder%least)
         if (outcome /= outcome_converged) then
           call point_from_damping(curve%balance, curve%system, nu, options%tolerance, x, made, &
                                   cancel)
@@ -109,7 +112,17 @@ contains
     ! Where the first point could not be corrected there is no branch.
     if (outcome == outcome_converged .and. branch%n_points == 0) outcome = outcome_stalled
     if (outcome == outcome_converged) call keep_used(curve, branch)
+    branch%allowed = [(ladder%allowed(options%tolerance, size_of(branch%x(:, i))), &
+                       i=1, branch%n_points)]
     set = curve%balance%set
+
+  contains
+
+    pure real(wp) function size_of(x)
+      real(wp), intent(in) :: x(:)
+      size_of = weighted_norm(curve%system, reshape(x, [size(x)/curve%blocks, curve%blocks]))
+    end function size_of
+
   end subroutine follow_response
 
   !> From a motion near the one given.

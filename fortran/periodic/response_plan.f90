@@ -77,6 +77,7 @@ contains
     call check_options(options, status)
     if (status%failed()) return
     plan%options = options
+    plan%options%least = options%absolute*lightest(system)
     plan%moved = moved_coordinates(system, load%drives(system) .or. options%keep_idle &
                                    .or. options%stability)
     if (all(plan%moved)) then
@@ -146,6 +147,18 @@ contains
     call describe(plan, system, load, n_nu, method)
   end subroutine choose
 
+  !> Smallest root of a mass: what moves no coordinate by more than d is this times d in the norm of
+  !! `weighted_norm`, at least. Coordinates without mass are not seen by the norm.
+  pure real(wp) function lightest(system)
+    class(oscillator_type), intent(in) :: system
+    integer :: d
+    lightest = huge(1.0_wp)
+    do d = 1, system%n_dof()
+      if (system%mass(d, d) > 0.0_wp) lightest = min(lightest, sqrt(system%mass(d, d)))
+    end do
+    if (.not. lightest < huge(1.0_wp)) lightest = 1.0_wp
+  end function lightest
+
   subroutine check_options(options, status)
     type(response_options), intent(in) :: options
     type(status_type), intent(out) :: status
@@ -161,6 +174,13 @@ contains
     if (options%tolerance < min_tolerance .or. options%tolerance > max_tolerance) then
       call fail(status, status_input_error, 'tolerance', 'tolerance = '//show(options%tolerance) &
                 //': must be in ['//show(min_tolerance)//', '//show(max_tolerance)//']')
+      return
+    end if
+    call check_finite('atol', options%absolute, status)
+    if (status%failed()) return
+    if (options%absolute < 0.0_wp) then
+      call fail(status, status_input_error, 'atol', 'atol = '//show(options%absolute) &
+                //': must not be negative')
       return
     end if
     if (options%max_iterations < 1 .or. options%max_iterations > max_iterations_allowed) then

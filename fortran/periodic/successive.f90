@@ -278,7 +278,7 @@ contains
       if (rate < 1.0_wp) error = delta(l)*max(1.0_wp, rate/(1.0_wp - rate))
       if (.not. ieee_is_finite(poison(l))) then
         outcome = outcome_overflow
-      else if (error <= options%tolerance*norm(l) .and. rate < 1.0_wp) then
+      else if (error <= options%tolerance*norm(l) + options%least .and. rate < 1.0_wp) then
         outcome = outcome_converged
       else if (.not. norm(l) <= growth_limit*work%start_norm(l) .or. norm(l) > largest &
                .or. delta(l) > growth_limit*work%smallest(l)) then
@@ -298,6 +298,7 @@ contains
         cycle
       end if
       call store(work, l, response, i, outcome, rate)
+      call response%allow(options, i, norm(l))
     end do
   end subroutine judge_lanes
 

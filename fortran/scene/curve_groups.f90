@@ -7,7 +7,7 @@ module viscovib_curve_groups
   implicit none
   private
 
-  public :: read_curve, read_switch, read_yes, check_between
+  public :: read_curve, read_relative, read_switch, read_yes, check_between
 
   integer, parameter :: max_switches = 20
 
@@ -30,7 +30,11 @@ contains
           call check_between(reader, key, nint(values(i)), nint(option%lowest), &
                              nint(option%highest))
         else
-          values(i) = reader%read_real(key, values(i))
+          if (key == 'tolerance') then
+            call read_relative(reader, values(i))
+          else
+            values(i) = reader%read_real(key, values(i))
+          end if
           if (values(i) < option%lowest .or. values(i) > option%highest) then
             call reader%complain(key, key//' = '//show(values(i))//': must be in [' &
                                  //show(option%lowest)//', '//show(option%highest)//']')
@@ -40,6 +44,23 @@ contains
     end do
     if (.not. reader%status%failed()) call options%set(values)
   end subroutine read_curve
+
+  !> `tolerance`, or its other name `rtol`.
+  subroutine read_relative(reader, tolerance)
+    type(group_reader), intent(inout) :: reader
+    !> Left alone if neither is given.
+    real(wp), intent(inout) :: tolerance
+    real(wp) :: relative
+
+    relative = reader%read_real('rtol', 0.0_wp)
+    if (relative > 0.0_wp) tolerance = relative
+    tolerance = reader%read_real('tolerance', tolerance)
+    if (reader%status%failed() .or. .not. abs(relative) > 0.0_wp) return
+    if (abs(tolerance - relative) > 0.0_wp) then
+      call reader%complain('rtol', 'rtol = '//show(relative)//': is another name of tolerance, ' &
+                           //'must be greater than 0 and not be given with it')
+    end if
+  end subroutine read_relative
 
   !> Branch points to leave at, counted from 1, negative: the other way.
   subroutine read_switch(reader, switch)

@@ -1,6 +1,7 @@
 !> The &response group of a scene.
 module viscovib_response_groups
   use viscovib_checks, only: check_increasing, check_positive
+  use viscovib_curve_groups, only: read_relative
   use viscovib_grids, only: linear_grid, log_grid
   use viscovib_group_reader, only: group_reader
   use viscovib_kinds, only: wp
@@ -32,7 +33,8 @@ contains
     word = reader%read_text('method', 'successive', method_names, method)
     options%choose_harmonics = .true.
     call reader%read_count('harmonics', options%harmonics, 'auto', options%choose_harmonics)
-    options%tolerance = reader%read_real('tolerance', options%tolerance)
+    call read_relative(reader, options%tolerance)
+    options%absolute = reader%read_real('atol', 0.0_wp)
     options%max_iterations = reader%read_integer('max_iterations', options%max_iterations)
     options%relaxation = reader%read_real('relaxation', options%relaxation)
     judged = 1

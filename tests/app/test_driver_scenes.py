@@ -117,6 +117,17 @@ BAD_SCENES = {
     "branch from zero": (BRANCH.replace("nu_from=1", "nu_from=0"), 4, "nu_from = 0: must be"),
     "branch of one": (BRANCH.rstrip()[:-1] + ", max_points=1 /", 4, "must be 2 to"),
     "branch angle": (BRANCH.rstrip()[:-1] + ", angle=1 /", 4, "angle = 1: must be in"),
+    "two names of an error": (
+        GOOD.replace(GRID, GRID + ", rtol=1e-6, tolerance=1e-5"),
+        4,
+        "rtol = 1e-6: is another name of tolerance",
+    ),
+    "negative atol": (GOOD.replace(GRID, GRID + ", atol=-1"), 4, "atol = -1: must not be negative"),
+    "negative rtol of a branch": (
+        BRANCH.rstrip()[:-1] + ", rtol=-1e-3 /",
+        4,
+        "rtol = -0.001: is another name of tolerance, must be greater than 0",
+    ),
     "branch folds": (BRANCH.rstrip()[:-1] + ", max_folds=0 /", 4, "max_folds = 0: must be 1 to"),
     "branch step": (BRANCH.rstrip()[:-1] + ", max_step=0 /", 4, "max_step = 0: must be in"),
     "branch harmonics": (BRANCH.rstrip()[:-1] + ", harmonics=0 /", 4, "harmonics = 0: must be"),

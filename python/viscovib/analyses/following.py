@@ -187,7 +187,8 @@ def trace_mount(
         keeps = keeps and not (symmetric is None and begun.has_even)
     curve = CurveOptions.checked(options)
     job, _, prepared, planned = _prepare(
-        system, [way.fixed], load, base, "newton", harmonics, curve.tolerance, 100, 1.0,
+        system, [way.fixed], load, base, "newton", harmonics,
+        (curve.tolerance, curve.values["atol"]), 100, 1.0,
         keep_idle=True, flat=None if way.numbers is None else way.numbers.at(way.start),
         may_choose=True, whole=way.numbers is not None, judged=judged,
     )  # fmt: skip
@@ -274,6 +275,7 @@ def _branch(
         n, ended, n_used, p, iterations, error, kept, truncation, coefficients, is_stop, n_folds,
         folds, fold_coefficients, n_branch, branch_p, branch_x, across, branch_before, judged,
         growing, multipliers, exponents, n_crossings, kinds, before, where, crossing_coefficients,
+        allowed,
     ) = found  # fmt: skip
     system, way, view, orders = shown.system, shown.way, shown.view, shown.orders
     stability: Stability | None = None
@@ -281,7 +283,10 @@ def _branch(
         stability = Stability.of(judged[:n], multipliers[:, :n], exponents[:, :n])
         if (judged[:n] < 0).all() and not system._active_kernels:
             stability = None
-    _warn_above(error[:n], tolerance, way.varies, p, "rounding leaves more than the tolerance")
+    allowed = allowed[:n].copy()
+    _warn_above(
+        error[:n], allowed, tolerance, way.varies, p, "rounding leaves more than the tolerance"
+    )
     values, places, crossed = p[:n].copy(), branch_p[:n_branch], where[:n_crossings]
     motions = shown.absolute(coefficients[:n_used, :, :n], values)
     at_folds = shown.absolute(fold_coefficients[:n_used, :, :n_folds], folds[:n_folds])
@@ -327,12 +332,13 @@ def _branch(
         plan=plan,
         _job=job,
         _tolerance=tolerance,
+        _allowed=allowed,
     )
     worst = int(branch.truncation.argmax())
     _warn_above(
-        branch.truncation, tolerance, way.varies, p,
+        branch.truncation, allowed, tolerance, way.varies, p,
         f"harmonics up to {orders[-1]} do not reach the tolerance",
-        falling(motions[worst]) if branch.truncation[worst] > tolerance else "",
+        falling(motions[worst]) if branch.truncation[worst] > allowed[worst] else "",
     )  # fmt: skip
     if isinstance(branch, StructureBranch):
         warn_of_reduction(branch)
@@ -340,10 +346,16 @@ def _branch(
 
 
 def _warn_above(
-    errors: FloatArray, tolerance: float, varies: str, p: FloatArray, told: str, more: str = ""
+    errors: FloatArray,
+    allowed: FloatArray,
+    tolerance: float,
+    varies: str,
+    p: FloatArray,
+    told: str,
+    more: str = "",
 ) -> None:
     """Warn of points whose error is above the tolerance."""
-    above = errors > tolerance
+    above = errors > allowed
     if above.any():
         warnings.warn(
             f"at {above.sum()} of {errors.size} points {told} {tolerance:.1e}; worst at {varies} = "

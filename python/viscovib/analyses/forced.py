@@ -11,7 +11,7 @@ from viscovib._native import check_instance
 from viscovib.analyses.driven import DrivenResponse, pendulum_response
 from viscovib.analyses.starts import StartLike
 from viscovib.analyses.steady import mount_plan, mount_response
-from viscovib.common.parameters import OSCILLATOR, PENDULUM, Taken
+from viscovib.common.parameters import OSCILLATOR, PENDULUM, Taken, with_rtol
 from viscovib.common.plan import Plan
 from viscovib.results.response import Response
 from viscovib.systems.load import LoadLike
@@ -32,6 +32,8 @@ def forced_response(
     method: str = "successive",
     harmonics: int | str = "auto",
     tolerance: float = 1e-10,
+    rtol: float | None = None,
+    atol: float = 0.0,
     max_iterations: int = 200,
     relaxation: float | str = 1.0,
     stability: bool = False,
@@ -52,6 +54,7 @@ def forced_response(
     m02: npt.ArrayLike | None = None,
     harmonics: int | str = "auto",
     tolerance: float = 1e-10,
+    rtol: float | None = None,
     stability: bool = False,
     duration: float | None = None,
     subharmonic: int = 1,
@@ -72,6 +75,8 @@ def forced_response(
     method: str = "successive",
     harmonics: int | str = "auto",
     tolerance: float = 1e-10,
+    rtol: float | None = None,
+    atol: float = 0.0,
     max_iterations: int = 200,
     relaxation: float | str = 1.0,
     stability: bool = False,
@@ -123,7 +128,16 @@ def forced_response(
         approximations the same for all, or for all of a part of a long list. Orders that
         symmetry rules out are dropped: even ones and the mean, where the load has none.
     tolerance : float
-        Wanted relative error of the iteration, 1e-14 to 0.1.
+        Another name of ``rtol``.
+    rtol, atol : float
+        Errors of the iteration and of the orders left out are wanted within rtol times the size of
+        the motion and atol besides: rtol 1e-14 to 0.1 (1e-10 if neither it nor ``tolerance`` is
+        given), atol in the unit of each coordinate (0 if not given; not of a pendulum). The size
+        of a motion is its largest sqrt(M_ii) (abs(Re X) + abs(Im X)) of all coordinates i and
+        orders, M being the mass matrix, so that metres and radians weigh by inertia; atol counts
+        as that of the lightest coordinate, and so every coordinate keeps it. Of a structure, or a
+        polynomial system of many coordinates, atol is of the displacements across its elements,
+        which the equations left are for.
     max_iterations : int
         Of an oscillator: iterations a frequency, 1 to 100000.
     relaxation : float or "auto"
@@ -187,7 +201,7 @@ def forced_response(
     >>> vv.forced_response(duffing, [0.8, 1.2], load=0.2, method="newton").converged.all()
     np.True_
     """
-    given = locals()
+    given = with_rtol(locals())
     if isinstance(system, Pendulum):
         return pendulum_response(**_PENDULUM_RESPONSE.of(given))
     if not isinstance(system, _STEADY):
@@ -204,6 +218,8 @@ def plan_response(
     method: str = "successive",
     harmonics: int | str = "auto",
     tolerance: float = 1e-10,
+    rtol: float | None = None,
+    atol: float = 0.0,
     max_iterations: int = 200,
     relaxation: float | str = 1.0,
     stability: bool = False,
@@ -213,7 +229,7 @@ def plan_response(
     Parameters
     ----------
     system : Mount or PolynomialSystem
-    nu, load, base, method, harmonics, tolerance, max_iterations, relaxation, stability
+    nu, load, base, method, harmonics, tolerance, rtol, atol, max_iterations, relaxation, stability
         As for `forced_response`.
 
     Returns
@@ -233,7 +249,9 @@ def plan_response(
     ... )
     >>> skipped = vv.plan_response(mount, [1.0, 2.0], load=0.1)["skips"]
     """
-    return mount_plan(**locals())
+    given = with_rtol(locals())
+    del given["rtol"]
+    return mount_plan(**given)
 
 
 _STEADY = (Mount, PolynomialSystem, Structure, Pendulum)

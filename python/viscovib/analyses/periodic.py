@@ -13,7 +13,7 @@ from viscovib.analyses.driven_branch import DrivenBranch, trace_pendulum
 from viscovib.analyses.following import trace_mount
 from viscovib.analyses.pendulum_backbone import pendulum_backbone
 from viscovib.analyses.starts import StartLike
-from viscovib.common.parameters import OSCILLATOR, PENDULUM, Taken
+from viscovib.common.parameters import OSCILLATOR, PENDULUM, Taken, with_rtol
 from viscovib.results.branch import Branch
 from viscovib.results.curves import BranchPoint
 from viscovib.systems.load import LoadLike
@@ -29,6 +29,8 @@ class _CurveOptions(TypedDict, total=False):
 
     harmonics: int | str
     tolerance: float
+    rtol: float | None
+    atol: float
     max_points: int
     max_step: float
     max_folds: int
@@ -99,6 +101,8 @@ def trace_response(
     symmetric: bool | None = None,
     harmonics: int | str = "auto",
     tolerance: float = 1e-10,
+    rtol: float | None = None,
+    atol: float = 0.0,
     max_points: int = 2000,
     max_step: float = 0.1,
     max_folds: int = 100000,
@@ -169,8 +173,12 @@ def trace_response(
         they are the largest, are small enough or there is no more room; with ``leave`` those of the
         branch that is left.
     tolerance : float
-        Relative size of the last correction, and of what leaving out orders may change, 1e-14 to
-        0.1.
+        Another name of ``rtol``.
+    rtol, atol : float
+        The last correction, and of an oscillator what leaving out orders may change, are within
+        rtol times the size of the motion and atol besides, whatever its size: rtol 1e-14 to 0.1
+        (1e-10 if neither it nor ``tolerance`` is given), atol in the unit of the coordinates (0 if
+        not given), as for `forced_response`. Of a pendulum rtol alone chooses the orders.
     max_points : int
         Points at most, 2 to 100000.
     max_step : float
@@ -224,7 +232,7 @@ def trace_response(
     >>> vv.trace_response(duffing, (0.3, 3), load=0.3).folds.size
     2
     """
-    given = locals()
+    given = with_rtol(locals())
     if isinstance(system, Pendulum):
         return trace_pendulum(**_TRACE_PENDULUM.of(given))
     if not isinstance(system, _STEADY):
@@ -269,6 +277,8 @@ def backbone(
     symmetric: bool = False,
     harmonics: int | str = "auto",
     tolerance: float = 1e-10,
+    rtol: float | None = None,
+    atol: float = 0.0,
     max_points: int = 2000,
     max_step: float = 0.1,
     max_folds: int = 100000,
@@ -309,8 +319,12 @@ def backbone(
         with more until `Backbone.truncation` is below ``tolerance`` all along it, up to 63; to
         ``leave`` a curve, as many as that has at first.
     tolerance : float
-        Relative size of the last correction, and of what leaving out orders may change, 1e-14 to
-        0.1.
+        Another name of ``rtol``.
+    rtol, atol : float
+        The last correction is within rtol times the size of the motion and atol besides, whatever
+        its size, and what leaving out orders may change within rtol times it: rtol 1e-14 to 0.1
+        (1e-10 if neither it nor ``tolerance`` is given), atol in the unit of the coordinates (0 if
+        not given).
     max_points : int
         Points at most, 2 to 100000.
     max_step : float
@@ -357,7 +371,7 @@ def backbone(
     >>> round(vv.backbone(duffing, 0, (0.01, 1)).nu[-1], 3)  # of one harmonic alone: sqrt(7/4)
     np.float64(1.328)
     """
-    given = locals()
+    given = with_rtol(locals())
     if isinstance(system, Pendulum):
         return pendulum_backbone(**_PENDULUM_BACKBONE.of(given))
     if not isinstance(system, _STEADY):

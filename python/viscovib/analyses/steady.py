@@ -13,7 +13,14 @@ from viscovib._native import ComplexArray, FloatArray, core
 from viscovib.analyses.starts import StartLike, start_of
 from viscovib.common.counts import things
 from viscovib.common.motion_stability import Stability
-from viscovib.common.parameters import MAX_HARMONICS, MAX_ITERATIONS, PROGRESS, STABILITY, TOLERANCE
+from viscovib.common.parameters import (
+    ATOL,
+    MAX_HARMONICS,
+    MAX_ITERATIONS,
+    PROGRESS,
+    STABILITY,
+    TOLERANCE,
+)
 from viscovib.common.periodic_motions import power_of_fall
 from viscovib.common.plan import Plan
 from viscovib.common.progress import progress_bar
@@ -48,6 +55,7 @@ def mount_response(
     method: str,
     harmonics: int | str,
     tolerance: float,
+    atol: float,
     max_iterations: int,
     relaxation: float | str,
     stability: bool,
@@ -57,7 +65,7 @@ def mount_response(
 ) -> Response:
     """`forced_response` of a mount, a polynomial system or a structure."""
     job, frequencies, options, planned = _prepare(
-        system, nu, load, base, method, harmonics, tolerance, max_iterations, relaxation,
+        system, nu, load, base, method, harmonics, (tolerance, atol), max_iterations, relaxation,
         STABILITY.check(stability), may_choose=True,
     )  # fmt: skip
     PROGRESS.check(progress)
@@ -91,7 +99,8 @@ def mount_response(
         "dof_units": system.dof_units,
         "_work": work,
         "_job": job,
-        "_tolerance": options[2],
+        "_tolerance": float(options[2][0]),
+        "_allowed": _joined(parts, 10),
     }
     if stability:
         given |= _stability_of(parts, _joined(parts, 1) == 0)
@@ -108,7 +117,7 @@ def mount_response(
             raise InputError("coordinates: can be chosen for a structure only, must be None")
         response = Response(**given)
     _warn_of_gaps(response)
-    _warn_of_few_orders(response, options[2])
+    _warn_of_few_orders(response)
     return response
 
 
@@ -146,13 +155,14 @@ def mount_plan(
     method: str,
     harmonics: int | str,
     tolerance: float,
+    atol: float,
     max_iterations: int,
     relaxation: float | str,
     stability: bool,
 ) -> Plan:
     """`plan_response` of a mount or a polynomial system."""
     return _prepare(
-        system, nu, load, base, method, harmonics, tolerance, max_iterations, relaxation,
+        system, nu, load, base, method, harmonics, (tolerance, atol), max_iterations, relaxation,
         STABILITY.check(stability), may_choose=True,
     )[3].plan  # fmt: skip
 
@@ -221,7 +231,7 @@ def _prepare(
     base: LoadLike | None,
     method: str,
     harmonics: int | str,
-    tolerance: float,
+    wanted: tuple[float, float],
     max_iterations: int,
     relaxation: float | str,
     stability: bool = False,
@@ -271,7 +281,7 @@ def _prepare(
     options = (
         METHODS.index(_native.choice("method", method, METHODS)) + 1,
         0 if chosen else _native.integer("harmonics", harmonics, 1, MAX_HARMONICS),
-        TOLERANCE.check(tolerance),
+        np.array([TOLERANCE.check(wanted[0]), ATOL.check(wanted[1])]),
         MAX_ITERATIONS.check(max_iterations),
         fraction,
     )
@@ -324,20 +334,21 @@ def falling(coefficients: ComplexArray) -> str:
     return f"; harmonics there fall as k^-{power:.1f}"
 
 
-def _warn_of_few_orders(response: Response, tolerance: float) -> None:
-    few = response.truncation > tolerance
+def _warn_of_few_orders(response: Response) -> None:
+    few = response.truncation > response._allowed
     if not few.any():
         return
-    worst = int(np.nanargmax(response.truncation))
+    worst = int(np.nanargmax(np.where(few, response.truncation, 0)))
     # Of a structure those left, which need no expansion to all coordinates.
     motions = (
         response._condensed if isinstance(response, StructureResponse) else response.coefficients
     )
     warnings.warn(
         f"at {few.sum()} of {things(few.size, 'frequency', 'frequencies')} the orders kept do "
-        f"not reach the tolerance {tolerance:.1e}; worst at nu = {response.nu[worst]:.6g}, where "
-        f"those up to {response.highest[worst]} leave an estimated relative error of "
-        f"{response.truncation[worst]:.1e}{falling(motions[worst])}",
+        f"not reach the tolerance {response._tolerance:.1e}; worst at nu = "
+        f"{response.nu[worst]:.6g}, where those up to {response.highest[worst]} "
+        f"leave an estimated relative error of {response.truncation[worst]:.1e}"
+        f"{falling(motions[worst])}",
         ConvergenceWarning,
         stacklevel=caller(),
     )

@@ -200,6 +200,9 @@ _lowest, _highest, _lowest_in_time, _highest_in_time, NEARLY_NOTHING = _sizes.to
 MAX_HARMONICS, _iterations, MAX_UNKNOWNS, FIRST_FREE, MOST_FREE = _counts.tolist()
 #: What several methods share: the relative size of the last correction, ...
 TOLERANCE = Number("tolerance", _lowest, _highest)
+#: ... its other name, and what is allowed besides, whatever the size of the motion, ...
+_RELATIVE = Number("rtol", _lowest, _highest)
+ATOL = Number("atol", 0, 1e30)
 MAX_ITERATIONS = Whole("max_iterations", 1, _iterations)
 #: ... what they may do or not, ...
 STABILITY, SYMMETRIC, OPPOSITE = Flag("stability"), Flag("symmetric"), Flag("opposite")
@@ -229,6 +232,9 @@ def _curve_table() -> tuple[dict[str, float], tuple[Parameter[Any], ...], tuple[
 
 #: Options of curves of motions with their defaults, and the words for how curves end.
 CURVE_DEFAULTS, _CURVE_BOUNDS, CURVE_OUTCOMES = _curve_table()
+
+#: If nothing is given.
+_TOLERANCE = CURVE_DEFAULTS["tolerance"]
 
 
 @dataclass(frozen=True)
@@ -264,6 +270,17 @@ def checked(table: Iterable[Parameter[Any]], given: Mapping[str, Any]) -> dict[s
 
 #: Kinds of systems, as `Taken` calls them.
 OSCILLATOR, PENDULUM = "a mount, a polynomial system or a structure", "a pendulum"
+
+
+def with_rtol(given: dict[str, Any]) -> dict[str, Any]:
+    """Put ``rtol`` in the place of ``tolerance`` in arguments of a public function."""
+    rtol = given["rtol"]
+    if rtol is not None:
+        if given["tolerance"] != _TOLERANCE:
+            raise InputError("tolerance, rtol: tolerance is another name of rtol, give one of them")
+        given["tolerance"] = _RELATIVE.check(rtol)
+        given["rtol"] = None
+    return given
 
 
 class Taken:

@@ -128,6 +128,8 @@ class Branch(PeriodicMotions, Curve):
     #: System, load and what varies as the core takes them, and the relative error wanted.
     _job: tuple[Any, ...] = field(repr=False)
     _tolerance: float = field(repr=False)
+    #: Relative error allowed of each motion, with what is allowed besides.
+    _allowed: FloatArray = field(repr=False)
 
     @property
     def label(self) -> str:
@@ -142,7 +144,7 @@ class Branch(PeriodicMotions, Curve):
         return self.harmonics
 
     def _lacking(self) -> str:
-        short = int((self.truncation > self._tolerance).sum())
+        short = int((self.truncation > self._allowed).sum())
         return f", {things(short, 'point')} with too few harmonics" if short else ""
 
     def _motions(self) -> tuple[FloatArray, npt.NDArray[Any], ComplexArray]:

@@ -130,6 +130,8 @@ class Response(PeriodicMotions, Result):
     #: System and load as the core takes them, and the relative error wanted.
     _job: tuple[Any, ...] = field(repr=False)
     _tolerance: float = field(repr=False)
+    #: Relative error allowed of each motion, with what is allowed besides.
+    _allowed: FloatArray = field(repr=False)
     stable: npt.NDArray[Any] | None = None
     multipliers: ComplexArray | None = None
     exponents: ComplexArray | None = None
@@ -215,7 +217,7 @@ class Response(PeriodicMotions, Result):
         n_dof = self._job[-1].shape[0] - 1
         room = np.empty(nu.size * n_dof * self.harmonics.size, dtype=complex)
         _native.call(
-            core.mount_response, *self._job, nu, 1, 0, self._tolerance, 1, 1.0, 0, 0,
+            core.mount_response, *self._job, nu, 1, 0, np.array([self._tolerance, 0]), 1, 1.0, 0, 0,
             np.zeros(1), room, np.zeros(1, dtype=np.intc),
         )  # fmt: skip
         return room.reshape(nu.size, n_dof, self.harmonics.size)
@@ -282,7 +284,7 @@ class Response(PeriodicMotions, Result):
     @property
     def _short(self) -> int:
         """How many motions lack harmonics."""
-        return int((self.truncation > self._tolerance).sum())
+        return int((self.truncation > self._allowed).sum())
 
     def _headline(self) -> str:
         short = f", {self._short} of them with too few harmonics" if self._short else ""

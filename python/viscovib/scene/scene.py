@@ -438,7 +438,10 @@ class Scene:
             "system": self.oscillator(),
             "nu": self.nu(),
             **self.loads(),
-            **{key: group[key] for key in ("method", "harmonics", "tolerance", "max_iterations")},
+            **{
+                key: group[key]
+                for key in ("method", "harmonics", "tolerance", "atol", "max_iterations")
+            },
             "relaxation": relaxation if relaxation > 0 else "auto",
             "stability": group["stability"] == "yes",
         }
