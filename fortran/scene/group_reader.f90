@@ -253,7 +253,8 @@ contains
                                      //listed(allowed, "'"))
       if (present(choice)) choice = max(i, 1)
     end if
-    self%echo = self%echo//'  '//key//" = '"//doubled(text)//"'"//new_line('a')
+    self%echo = self%echo//'  '//key//" = '"//doubled(self%group%written(key, text))//"'" &
+                //new_line('a')
   end function read_text
 
   !> A list of numbers, of size n if given; empty without a default if absent.

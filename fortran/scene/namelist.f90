@@ -15,10 +15,12 @@ module viscovib_namelist
   implicit none
   private
 
-  public :: namelist_type, group_type, read_namelist, lower
+  public :: namelist_type, group_type, entry_type, read_namelist, lower
 
   type :: value_type
     character(len=:), allocatable :: text
+    !> What stood in the file, where the text is another: names of parameters, not their numbers.
+    character(len=:), allocatable :: written
     logical :: quoted = .false.
     !> How often it stands here.
     integer :: repeats = 1
@@ -43,6 +45,7 @@ module viscovib_namelist
   contains
     procedure :: find
     procedure :: line_of
+    procedure :: written
   end type group_type
 
   type :: namelist_type
@@ -68,6 +71,18 @@ module viscovib_namelist
     'abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789_'
 
 contains
+
+  !> The text of a key as it stands in the file, where that is not what was read.
+  pure function written(self, key, otherwise) result(text)
+    class(group_type), intent(in) :: self
+    character(len=*), intent(in) :: key, otherwise
+    character(len=:), allocatable :: text
+    integer :: i
+    text = otherwise
+    i = self%find(key)
+    if (i == 0) return
+    if (allocated(self%entries(i)%values(1)%written)) text = self%entries(i)%values(1)%written
+  end function written
 
   !> Read and split a file; values stay text.
   subroutine read_namelist(path, file, status, text)

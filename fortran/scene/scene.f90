@@ -6,6 +6,7 @@ module viscovib_scene
   use viscovib_job, only: job_type
   use viscovib_kernel_groups, only: read_kernels
   use viscovib_kernel_holder, only: kernel_holder
+  use viscovib_law_parameters, only: read_parameters
   use viscovib_load, only: load_type
   use viscovib_load_groups, only: read_loads
   use viscovib_mount, only: mount_parameters
@@ -55,6 +56,7 @@ contains
     if (present(allow_paths)) file%groups%anywhere = allow_paths
     if (.not. status%failed()) call check_groups(file, scene%subject%is_pendulum, status)
     if (.not. status%failed()) call read_title(file, scene, canonical, status)
+    if (.not. status%failed()) call read_parameters(file, canonical, status)
     if (.not. status%failed()) call read_subject(file, scene%subject, canonical, status)
     if (.not. status%failed()) then
       call read_result(file, scene%subject, scene%job, canonical, status)

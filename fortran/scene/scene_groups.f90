@@ -25,9 +25,9 @@ module viscovib_scene_groups
                                                 result_name('ensemble', .true., .false.)]
 
   !> Other groups: those of a mount or a system of one's own, and those of any scene.
-  character(len=*), parameter :: oscillator_groups(10) = &
+  character(len=*), parameter :: oscillator_groups(11) = &
     [character(len=15) :: 'mount', 'system', 'spring', 'force', 'structure', 'element', 'body', &
-     'mount_point', 'kernel', 'load'], &
+     'mount_point', 'kernel', 'load', 'parameters'], &
                                  other_groups(4) = &
     [character(len=15) :: 'scene', 'pendulum', 'spectrum', 'sweep'], &
                                  repeatable(7) = &
@@ -104,6 +104,10 @@ contains
       call refuse_at(file, i, '&mount_point: needs &body', status)
     else if (any(['spring', 'force '] == name) .and. .not. is_polynomial) then
       call refuse_at(file, i, '&'//name//': needs &system', status)
+    else if (name == 'parameters' .and. .not. (is_polynomial .or. is_structure &
+                                               .or. has(file, 'body'))) then
+      call refuse_at(file, i, '&parameters: needs &system, &structure or &body, which have laws', &
+                     status)
     else if (name == 'spectrum' .and. .not. has(file, 'transient')) then
       call refuse_at(file, i, '&spectrum: needs &transient', status)
     end if

@@ -170,7 +170,9 @@ contains
       p%monomial_kernel(n) = kernel
       p%powers(:, n) = powers
     end do
-    if (reader%has('law')) call echo_monomials()
+    if (.not. reader%has('law')) return
+    ! A law that names parameters is kept as it is written, so that they can be changed.
+    if (reader%group%written('law', law) == law) call echo_monomials()
 
   contains
 

@@ -62,6 +62,13 @@ SEEDS = {
 &load on='x1' amplitude=0.3 /
 &response nu_min=0.3 nu_max=2 nu_count=5 harmonics=3 /
 """,
+    "parameters": """&parameters k3=0.5 f0=0.02 soft=0.1 /
+&system coordinates='x1' 'x2' mass=1 1 stiffness=2 -1 -1 2 damping=0.02 0.02 /
+&force on='x2' law='k3*(x1 - x2)^3' /
+&force on='x1' law='f0*tanh(x1_dot/soft)' /
+&load on='x1' amplitude=0.3 /
+&response nu_min=0.3 nu_max=2 nu_count=3 harmonics=5 method='newton' /
+""",
     "body": """&body mass=10 inertia=0.3 0.01 0 0.01 0.2 0 0 0 0.4 gravity=0 0 -9.81 /
 &kernel kind='prony' weights=0.3 rates=1.5 /
 &mount_point name='a' position=0.1 0.2 0 stiffness=1e4 1e4 2e4 angles=0 0.1 0 kernel=1 /

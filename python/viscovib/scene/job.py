@@ -33,8 +33,8 @@ if TYPE_CHECKING:
 
 #: Groups of a scene that ask for nothing.
 _SUBJECTS = (
-    "scene", "mount", "system", "pendulum", "kernel", "spring", "force", "structure", "element",
-    "body", "mount_point", "load", "sweep",
+    "scene", "parameters", "mount", "system", "pendulum", "kernel", "spring", "force", "structure",
+    "element", "body", "mount_point", "load", "sweep",
 )  # fmt: skip
 
 

@@ -109,6 +109,29 @@ def namelist_text(groups: Mapping[str, Any]) -> str:
     return "\n".join(lines) + "\n"
 
 
+#: A name, or a number, whose e is none.
+_WORD = re.compile(r"(?:\d+\.?\d*|\.\d+)(?:[ed][+-]?\d+)?|[a-z_]\w*(?!\w)(?!\s*\()", re.IGNORECASE)
+
+
+def named_in(law: str, parameters: Mapping[str, float]) -> dict[str, float]:
+    """Return those of the parameters that a law names."""
+    words = {word.lower() for word in _WORD.findall(law)}
+    return {name: value for name, value in parameters.items() if name in words}
+
+
+def with_numbers(group: Mapping[str, Any], parameters: Mapping[str, float]) -> dict[str, Any]:
+    """Return a group whose laws have numbers for the names of parameters."""
+
+    def number(found: re.Match[str]) -> str:
+        name = found[0].lower()
+        return f"({parameters[name]!r})" if name in parameters else found[0]
+
+    return {
+        key: _WORD.sub(number, value) if key.startswith("law") else value
+        for key, value in group.items()
+    }
+
+
 def _text(value: Any) -> str:
     if isinstance(value, str):
         return "'" + value.replace("'", "''") + "'"

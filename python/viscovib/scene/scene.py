@@ -37,7 +37,7 @@ from viscovib.kernels.relaxation import (
 from viscovib.kernels.tabulated import TabulatedKernel
 from viscovib.results.scales import ScalesResponse
 from viscovib.scene.body import body_of, coordinates_of
-from viscovib.scene.keys import groups_of, namelist_text, with_key
+from viscovib.scene.keys import groups_of, named_in, namelist_text, with_key, with_numbers
 from viscovib.systems.elements import Spring
 from viscovib.systems.mount import Mount
 from viscovib.systems.oscillators import Oscillator
@@ -189,6 +189,7 @@ class Scene:
             names=names,
             units=texts(given["units"]),
             base_direction=direction if direction.any() else None,
+            parameters=self._parameters or None,
         )
 
     def structure(self) -> Structure:
@@ -213,6 +214,7 @@ class Scene:
                     stiffness=group["stiffness"],
                     damping=group["damping"],
                     law=None if group["law"] == "0" else group["law"].lower(),
+                    parameters=named_in(group["law"], self._parameters) or None,
                     kernel=kernels[group["kernel"]],
                 )
             )
@@ -237,7 +239,13 @@ class Scene:
     def body(self) -> Body:
         """Build the body on its mounts."""
         kernels: list[Kernel | None] = [None, *(_kernel(group) for group in self.groups["kernel"])]
-        return body_of(self._group("body"), self.groups["mount_point"], kernels)
+        points = [with_numbers(group, self._parameters) for group in self.groups["mount_point"]]
+        return body_of(self._group("body"), points, kernels)
+
+    @property
+    def _parameters(self) -> dict[str, float]:
+        """Numbers that laws name."""
+        return {name: float(x) for name, x in self.groups.get("parameters", {}).items()}
 
     def _shapes(self) -> FloatArray | None:
         """Named coordinates of a reduced structure in terms of its modes."""
