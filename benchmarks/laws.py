@@ -6,9 +6,10 @@ beside the same polynomial given by its coefficients, by turns. pyHarm has a Jen
 penalty contact too; it takes 256 samples of a period.
 """
 
+import math
 import time
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import motion
@@ -150,3 +151,92 @@ def ensembles(n: int = 64) -> list[Row]:
 
 def _many(given: dict[str, Any], method: str, dt: float) -> Any:
     return vv.simulate_ensemble(**given, t_end=motion.END, dt=dt, method=method, n_threads=1)
+
+
+#: A text law for one motion: start, load and length.
+_TEXT, _START, _LOAD, _NU, _END = "0.3*tanh(x_dot) + 0.2*sin(x)", (1.0, 0.0), 0.5, 0.9, 200.0
+
+
+def _own_motions() -> Iterator[tuple[str, str, Callable[[], Any]]]:
+    system = vv.PolynomialSystem(mass=1, stiffness=1, damping=0.05, forces=_TEXT)
+    settings = {
+        "gauss8": ((1.6, 1e-10), (1.3, 1e-10), (1.0, 1e-12)),
+        "verner9": ((0.7, None), (0.5, None), (0.3, None)),
+    }
+    for method, steps in settings.items():
+        for dt, solved in steps:
+            yield (
+                f"viscovib {method}",
+                f"dt = {dt}",
+                lambda method=method, dt=dt, solved=solved: vv.simulate(
+                    system, _END, initial=_START, load=_LOAD, nu=_NU, dt=dt, method=method,
+                    tolerance=solved, keep="last",
+                ).state[-1],
+            )  # fmt: skip
+
+
+def _of_numbalsoda() -> Iterator[tuple[str, str, Callable[[], Any]]]:
+    try:
+        import numba
+        from numbalsoda import dop853, lsoda_sig
+    except ImportError:
+        print("numbalsoda is not installed: left out")
+        return
+
+    @numba.cfunc(lsoda_sig)
+    def derivative(t: float, y: Any, out: Any, _: Any) -> None:
+        law = 0.3 * math.tanh(y[1]) + 0.2 * math.sin(y[0])
+        out[0] = y[1]
+        out[1] = 0.5 * math.sin(0.9 * t) - 0.05 * y[1] - y[0] - law
+
+    times, start = np.array([0.0, _END]), np.array(_START)
+    for tolerance in (1e-9, 1e-10, 1e-11, 1e-12):
+        yield (
+            "numbalsoda DOP853",
+            f"rtol {tolerance:g}",
+            lambda tolerance=tolerance: dop853(
+                derivative.address, start, times, rtol=tolerance, atol=tolerance / 10
+            )[0][-1],
+        )
+
+
+def _of_heyoka() -> Iterator[tuple[str, str, Callable[[], Any]]]:
+    try:
+        import heyoka as hy
+    except ImportError:
+        print("heyoka is not installed: left out")
+        return
+    x, v = hy.make_vars("x", "v")
+    law = 0.3 * hy.tanh(v) + 0.2 * hy.sin(x)
+    rates = [(x, v), (v, _LOAD * hy.sin(_NU * hy.time) - 0.05 * v - x - law)]
+    for tolerance in (1e-8, 1e-9, 1e-10, 1e-11, 1e-12):
+        taylor = hy.taylor_adaptive(rates, list(_START), tol=tolerance, fast_math=True)
+
+        def run(taylor: Any = taylor) -> Any:
+            taylor.time = 0.0
+            taylor.state[:] = _START
+            taylor.propagate_until(_END)
+            return taylor.state.copy()
+
+        yield "heyoka, fast_math", f"tol {tolerance:g}", run
+
+
+def one_motion() -> list[Row]:
+    """One motion of a text law to t = 200: times and errors of ours and of the peers, by turns."""
+    jobs = [*_own_motions(), *_of_numbalsoda(), *_of_heyoka()]
+    system = vv.PolynomialSystem(mass=1, stiffness=1, damping=0.05, forces=_TEXT)
+    expected = vv.simulate(
+        system, _END, initial=_START, load=_LOAD, nu=_NU, dt=0.5, method="gauss16", keep="last"
+    ).state[-1]
+    rows: list[Row] = [
+        {"method": method, "setting": setting, "seconds": float("inf"),
+         "error": float(np.abs(job() - expected).max())}
+        for method, setting, job in jobs
+    ]  # fmt: skip
+    for _ in range(_ROUNDS):
+        for row, (_, _, job) in zip(rows, jobs, strict=True):
+            start = time.perf_counter()
+            for _ in range(5):
+                job()
+            row["seconds"] = min(row["seconds"], (time.perf_counter() - start) / 5)
+    return rows

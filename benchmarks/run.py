@@ -321,6 +321,14 @@ def of_laws(out: Path) -> Part:
         f"{show_time(row['seconds'])} | {show_time(row['seconds'] * row['dt'] / 200)} |"
         for row in many
     ]
+    single = laws.one_motion()
+    write_csv(out / "law_motion.csv", single)
+    lines += ["", "| one motion under tanh and sin to t = 200 | setting | error | time |"]
+    lines += ["| --- |" + " --- |" * 3]
+    lines += [
+        f"| {row['method']} | {row['setting']} | {row['error']:.0e} | {show_time(row['seconds'])} |"
+        for row in single
+    ]
     lines += ["", "| a polynomial | a branch point | as a text that is one | ratio | target |"]
     lines += ["| --- | --- | --- | --- | --- |"]
     return lines + [
