@@ -87,8 +87,10 @@ def plot_body(
     if torque_about is not None:
         along = 0.6 * size * body.torque_roll_axis(torque_about)
         ends = np.array([body.center - along, body.center + along])
-        axis.plot(*ends.T, color=COLOURS[1], linestyle=(0, (1, 1)), linewidth=2)
-        axis.text(*ends[1], "torque-roll axis", color=COLOURS[1])
+        line = {"color": COLOURS[1], "linestyle": (0, (1, 1)), "linewidth": 2}
+        axis.plot(*ends.T, label="torque-roll axis", **line)
+        # Beside the box: at the end of the line it would cover numbers of the axes.
+        axis.legend(loc="upper left", frameon=False)
     axis.set_xlabel("x (m)")
     axis.set_ylabel("y (m)")
     axis.set_zlabel("z (m)")

@@ -35,9 +35,10 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _STYLE = """
-body { font: 15px/1.45 system-ui, sans-serif; max-width: 60em; margin: 2em auto; padding: 0 1em }
-table { border-collapse: collapse; margin: 0.5em 0 1.5em }
-caption { text-align: left; font-weight: 600; padding: 0.3em 0 }
+body { font: 15px/1.45 system-ui, sans-serif; max-width: 64em; margin: 2em auto; padding: 0 1em }
+table { border-collapse: collapse; margin: 0.5em 0 1.5em; font-size: 13px }
+caption { text-align: left; font-weight: 600; padding: 0.3em 0; white-space: nowrap }
+td.whole { white-space: nowrap }
 th, td { border-bottom: 1px solid #ccc; padding: 0.2em 0.7em; text-align: right }
 th:first-child, td:first-child { text-align: left }
 img { max-width: 100% }
@@ -45,6 +46,8 @@ img { max-width: 100% }
 
 #: Parameters of memory are written up to so many letters; dots stand for the rest.
 _LONGEST = 110
+#: Cells up to so many letters stay on one line.
+_UNBROKEN = 48
 #: A table: its caption, names of columns, and rows.
 _Table = tuple[str, list[str], list[list[str]]]
 
@@ -110,7 +113,11 @@ def report(
             lambda ax: plot_transmissibility(body, ax, hz=frequencies, axis=axis),
             False,
         ),
-        ("Mount forces", lambda ax: _plot_forces(body, ax, frequencies, push), False),
+        (
+            f"Mount forces under a load of {_load(body, push) or '0'}, linear",
+            lambda ax: _plot_forces(body, ax, frequencies, push),
+            False,
+        ),
     ]
     foot = f"viscovib {version('viscovib')}. SI units and rad unless said."
     if place.suffix.lower() == ".html":
@@ -132,12 +139,12 @@ def _tables(body: Body, torque_about: str | npt.ArrayLike | None) -> list[_Table
     ]
     try:
         stiff, soft = body.centers()
-        data.append(["centre of stiffness", _row(stiff) + " m"])
-        data.append(["centre of compliance", _row(soft) + " m"])
+        data.append(["centre of stiffness", _row(stiff, 4) + " m"])
+        data.append(["centre of compliance", _row(soft, 4) + " m"])
     except InputError as error:
         data.append(["centres of stiffness and compliance", str(error)])
     if torque_about is not None:
-        data.append(["torque-roll axis", _row(body.torque_roll_axis(torque_about))])
+        data.append(["torque-roll axis", _row(body.torque_roll_axis(torque_about), 4)])
     mounts = [
         [
             mount.name, _row(np.asarray(mount.position)), _row(np.rad2deg(_angles(mount.rotation))),
@@ -152,7 +159,7 @@ def _tables(body: Body, torque_about: str | npt.ArrayLike | None) -> list[_Table
         (
             "Mounts",
             ["name", "position (m)", "angles (degrees)", "stiffness (N/m)", "damping (N s/m)",
-             "memory", "law"],
+             "memory", "law (N, d in m)"],
             mounts,
         ),
     ]  # fmt: skip
@@ -161,12 +168,12 @@ def _tables(body: Body, torque_about: str | npt.ArrayLike | None) -> list[_Table
     if body.gravity is not None:
         sag = body.sag()
         rows = [
-            [mount.name, _row(1e3 * d), _row(f)]
+            [mount.name, _row(1e3 * d, 4), _row(f, 4)]
             for mount, d, f in zip(body.mounts, sag.deflections, sag.forces, strict=True)
         ]
         moved = (
-            f"Sag: x, y, z {_row(1e3 * sag.displacement[:3])} mm; "
-            f"rx, ry, rz {_row(np.rad2deg(sag.displacement[3:6]))} degrees"
+            f"Sag: x, y, z {_row(1e3 * sag.displacement[:3], 4)} mm; "
+            f"rx, ry, rz {_row(np.rad2deg(sag.displacement[3:6]), 4)} degrees"
         )
         tables.append((moved, ["mount", "deflection (mm)", "force on the body (N)"], rows))
     modes = body.modes()
@@ -186,8 +193,18 @@ def _tables(body: Body, torque_about: str | npt.ArrayLike | None) -> list[_Table
     return tables
 
 
-def _row(values: npt.ArrayLike) -> str:
-    return ", ".join(f"{value:.6g}" for value in np.asarray(values) + 0.0)
+def _row(values: npt.ArrayLike, digits: int = 6) -> str:
+    return ", ".join(f"{value:.{digits}g}" for value in np.asarray(values) + 0.0)
+
+
+def _load(body: Body, load: Any) -> str:
+    """Return what pushes, with its unit."""
+    turns = ("rx", "ry", "rz")
+    return ", ".join(
+        f"{name} {abs(push):.4g} {'N m' if name in turns else 'N'}"
+        for name, push in zip(body.dof_names, np.asarray(load), strict=True)
+        if push
+    )
 
 
 def _angles(rotation: npt.NDArray[np.float64]) -> list[float]:
@@ -279,7 +296,7 @@ def _write_html(
         cells = "".join(f"<th>{html.escape(cell)}</th>" for cell in head)
         lines = [f"<tr>{cells}</tr>"] if any(head) else []
         for row in rows:
-            lines.append("<tr>" + "".join(f"<td>{html.escape(c)}</td>" for c in row) + "</tr>")
+            lines.append("<tr>" + "".join(map(_cell, row)) + "</tr>")
         body = "".join(lines)
         parts.append(f"<table><caption>{html.escape(caption)}</caption>{body}</table>")
     for caption, draw, in_space in pictures:
@@ -298,6 +315,12 @@ def _write_html(
         file.write(page)
 
 
+def _cell(text: str) -> str:
+    # Three numbers stay on one line.
+    whole = " class='whole'" if len(text) <= _UNBROKEN else ""
+    return f"<td{whole}>{html.escape(text)}</td>"
+
+
 def _write_pdf(
     path: Path, title: str, tables: list[_Table], pictures: list[Any], foot: str
 ) -> None:
@@ -312,14 +335,16 @@ def _write_pdf(
             axis = second.add_subplot(grid[place], projection="3d" if in_space else None)
             draw(axis)
             axis.set_title(caption, fontsize=9)
-            # Labels of full size are longer than these low panels.
-            axis.yaxis.label.set_fontsize(7)
+            if not in_space:
+                # Labels of full size are longer than these low panels.
+                axis.yaxis.label.set_fontsize(7)
         pages.savefig(second)
 
 
 def _page_of_tables(title: str, tables: list[_Table], foot: str) -> Figure:
     page = _figure(8.27, 11.69)
-    page.suptitle(title, y=0.97)
+    page.set_layout_engine("constrained", rect=(0.06, 0.04, 0.88, 0.90))
+    page.suptitle(title, y=0.975)
     heights = [len(rows) + 2.5 for _, _, rows in tables]
     axes = page.subplots(len(tables) + 1, 1, height_ratios=[*heights, max(40 - sum(heights), 0.1)])
     axes[-1].axis("off")
@@ -333,7 +358,10 @@ def _page_of_tables(title: str, tables: list[_Table], foot: str) -> Figure:
         table.auto_set_font_size(False)
         table.set_fontsize(7 if full < 120 else 5.5)
         table.scale(1, 1.1)
-        for cell in table.get_celld().values():
+        for (_, column), cell in table.get_celld().items():
             cell.set_linewidth(0.3)
+            if column == 0:
+                cell.set_text_props(ha="left")
+                cell.PAD = 1.0 / widths[0]
     page.supxlabel(foot, fontsize=7)
     return page
