@@ -35,6 +35,7 @@ from viscovib.results.structure_results import StructureBranch, warn_of_reductio
 from viscovib.results.structure_view import View
 from viscovib.systems.load import LoadLike
 from viscovib.systems.oscillators import Steady, check_steady, refuse_turning
+from viscovib.systems.sticking import advice_on_sticking
 from viscovib.systems.structure import Structure
 from viscovib.systems.varying import Varied, varied
 from viscovib.systems.varying_structure import varied_structure
@@ -218,6 +219,7 @@ def trace_mount(
     if not found[0]:
         raise InputError(
             f"{way.argument}: no solution was found at its beginning {way.start:g}: begin elsewhere"
+            f"{advice_on_sticking(system)}"
         )
     view = None
     if planned.loaded is not None:
@@ -340,6 +342,13 @@ def _branch(
         f"harmonics up to {orders[-1]} do not reach the tolerance",
         falling(motions[worst]) if branch.truncation[worst] > allowed[worst] else "",
     )  # fmt: skip
+    advice = advice_on_sticking(system) if branch.outcome == "stuck" else ""
+    if advice:
+        warnings.warn(
+            f"the branch ends at {way.varies} = {values[-1]:.6g}{advice}",
+            ConvergenceWarning,
+            stacklevel=caller(),
+        )
     if isinstance(branch, StructureBranch):
         warn_of_reduction(branch)
     return branch

@@ -32,6 +32,7 @@ from viscovib.systems.condensed import LoadedStructure
 from viscovib.systems.load import LoadLike
 from viscovib.systems.oscillators import Steady, check_steady, oscillator_job, refuse_turning
 from viscovib.systems.polynomial_system import PolynomialSystem
+from viscovib.systems.sticking import advice_on_sticking
 
 METHODS = ("linear", "successive", "newton")
 OUTCOMES = np.array(["converged", "stalled", "diverged", "singular", "overflow", "stopped"])
@@ -116,7 +117,7 @@ def mount_response(
         if coordinates is not None:
             raise InputError("coordinates: can be chosen for a structure only, must be None")
         response = Response(**given)
-    _warn_of_gaps(response)
+    _warn_of_gaps(response, system)
     _warn_of_few_orders(response)
     return response
 
@@ -309,7 +310,7 @@ def _joined(parts: list[tuple[Any, ...]], index: int) -> npt.NDArray[Any]:
     return np.concatenate([part[index] for part in parts])
 
 
-def _warn_of_gaps(response: Response) -> None:
+def _warn_of_gaps(response: Response, system: Steady) -> None:
     lost = ~response.converged
     if not lost.any():
         return
@@ -320,7 +321,8 @@ def _warn_of_gaps(response: Response) -> None:
     warnings.warn(
         f"{lost.sum()} of {asked} {'has' if lost.sum() == 1 else 'have'} no solution ({kinds}), "
         "between nu = "
-        f"{response.nu[lost].min():.6g} and {response.nu[lost].max():.6g}; they hold NaN",
+        f"{response.nu[lost].min():.6g} and {response.nu[lost].max():.6g}; they hold NaN"
+        f"{advice_on_sticking(system)}",
         ConvergenceWarning,
         stacklevel=caller(),
     )

@@ -1,0 +1,55 @@
+"""Laws under which a body sticks: their force jumps up where a velocity passes 0."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from viscovib.systems.elements import coupling_terms
+from viscovib.systems.laws import Law
+from viscovib.systems.polynomial_system import PolynomialSystem
+from viscovib.systems.structure import Structure
+
+#: Positions at which a law is tried (some stops are open at 0), and a velocity beside 0.
+_POSITIONS, _BESIDE = (0.0, 1.0, -1.0, 1e-3, -1e-3, 1e3, -1e3), 1e-250
+
+
+def advice_on_sticking(system: Any) -> str:
+    """Return what to do where harmonics find nothing, if the system can stick; else nothing."""
+    text = next((law.text for law in _laws_of(system) if _sticks(law)), None)
+    if text is None:
+        return ""
+    return (
+        f" (under {text!r} a body may stick, which harmonics cannot follow: take the motion in "
+        "time, simulate, a Jenkins element, whose spring moves, or a steep tanh of the velocity)"
+    )
+
+
+def _laws_of(system: Any) -> list[Law]:
+    if isinstance(system, PolynomialSystem):
+        return [law for group in system.groups for _, law in group.laws]
+    if not isinstance(system, Structure):
+        return []
+    laws = [element.law for element in system._all_elements if element.law is not None]
+    for coupling in coupling_terms(system.elements, system.dof_names, system._places):  # type: ignore[attr-defined]
+        laws += [law for _, law in coupling.programs]
+    return laws
+
+
+def _sticks(law: Law) -> bool:
+    """Whether its force is larger on the side of a positive velocity than on the other."""
+    if not law.branches or law.state or not law.n_rates:
+        return False
+    n, m = len(law.arguments), len(_POSITIONS)
+    at = np.zeros((2, m, n))
+    at[:, :, : n - law.n_rates] = np.array(_POSITIONS)[:, np.newaxis]
+    for rate in range(n - law.n_rates, n):
+        if rate not in law.places:
+            continue
+        at[:, :, n - law.n_rates :] = 0.0
+        at[0, :, rate], at[1, :, rate] = -_BESIDE, _BESIDE
+        before, after = law(at.reshape(2 * m, n))[0].reshape(2, m)
+        if (after - before > 1e-12 * (np.abs(after) + np.abs(before))).any():
+            return True
+    return False
