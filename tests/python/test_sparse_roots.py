@@ -109,3 +109,24 @@ def test_a_structure_of_few_coordinates_has_all_its_roots():
     )
     roots = pair.characteristic_roots().oscillatory
     np.testing.assert_allclose(roots, whole.characteristic_roots().oscillatory, rtol=1e-12)
+
+
+def test_damping_that_mixes_modes_hides_no_root():
+    """Two modes that damping mixes, from which Newton's method goes to the same root."""
+    mass = np.array([[1.0152, -0.0474], [-0.0474, 1.1635]])
+    stiffness = np.array([[2.3211, -0.2708], [-0.2708, 2.4318]])
+    damping = np.array([[1.2321, -0.0173], [-0.0173, 0.1553]])
+    other = np.diag([0.0026811, 0.01339])
+    for unit in (np.eye(2), other):
+        pair = vv.Structure(
+            mass=unit @ mass @ unit, stiffness=unit @ stiffness @ unit,
+            damping=unit @ damping @ unit,
+        )  # fmt: skip
+        inverse = np.linalg.inv(mass)
+        ordinary = np.block(
+            [[np.zeros((2, 2)), np.eye(2)], [-inverse @ stiffness, -inverse @ damping]]
+        )
+        exact = np.linalg.eigvals(ordinary)
+        exact = np.sort_complex(exact[exact.imag > 0])
+        roots = np.sort_complex(pair.characteristic_roots().oscillatory)
+        np.testing.assert_allclose(roots, exact, rtol=1e-10)

@@ -35,6 +35,8 @@ _NEWTON, _BEGINNING = 30, 40
 #: Newton's method has ended once a step is below this part of s, or steps below the second do not
 #: become smaller any more.
 _CONVERGED, _ROUNDING = 1e-13, 1e-10
+#: Coordinates up to which all eigenvalues are looked at where some roots were not found.
+_SMALL = 200
 #: A frequency to begin at is known well enough within this part.
 _CLOSE = 1e-3
 
@@ -65,12 +67,45 @@ def sparse_roots(model: LinearModel, count: int) -> tuple[ComplexArray, ComplexA
         if converged and not same.any() and s.imag > 0:
             roots[j], shapes[:, j] = s, found
     if np.isnan(roots).any():
+        _fill(model, roots, shapes)
+    if np.isnan(roots).any():
         warnings.warn(
             f"{int(np.isnan(roots).sum())} of {count} characteristic roots were not found (NaN)",
             ConvergenceWarning,
             stacklevel=caller(),
         )
     return roots, shapes
+
+
+def _fill(model: LinearModel, roots: ComplexArray, shapes: ComplexArray) -> None:
+    """Roots that were not found, by those of all eigenvalues that were not: of a small model.
+
+    Damping that mixes modes may lead Newton's method from two of them to the same root. Where some
+    mode does not oscillate it is left open which roots belong to which modes.
+    """
+    n = model.mass.shape[0]
+    if model.layers or model.loss or n > _SMALL:
+        return
+    mass, stiffness = (
+        np.asarray(m.toarray()) for m in map(csc_array, (model.mass, model.stiffness))
+    )
+    damping = model.rayleigh[0] * mass + model.rayleigh[1] * stiffness
+    if model.damping is not None:
+        damping = damping + csc_array(model.damping).toarray()
+    try:
+        right = -np.linalg.solve(mass, np.hstack([stiffness, damping]))
+    except np.linalg.LinAlgError:
+        return
+    found, vectors = np.linalg.eig(np.vstack([np.hstack([np.zeros((n, n)), np.eye(n)]), right]))
+    above = np.flatnonzero(found.imag > 1e-9 * np.abs(found))
+    if above.size != n:
+        return
+    for s in roots[~np.isnan(roots)]:
+        above = np.delete(above, np.argmin(np.abs(found[above] - s)))
+    above = above[np.argsort(np.abs(found[above]))]
+    for j, i in zip(np.flatnonzero(np.isnan(roots)), above, strict=False):
+        x = vectors[:n, i]
+        roots[j], shapes[:, j] = found[i], x / x[np.argmax(np.abs(x))]
 
 
 def structure_roots(structure: Any, count: Any, layers: Any) -> CharacteristicRoots:
