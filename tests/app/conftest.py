@@ -22,3 +22,22 @@ def solve():
         )
 
     return run
+
+
+def pytest_collection_modifyitems(config, items):
+    """Leave out of a run of the checked driver what does not use it.
+
+    Those are tests of the command of the package, the same with the driver as shipped.
+    """
+    if "debug" not in os.environ.get("VISCOVIB_SOLVE", ""):
+        return
+    here = Path(__file__).parent
+    idle = [
+        item
+        for item in items
+        if item.path.is_relative_to(here)
+        and item.path.stem != "test_library"
+        and "solve" not in item.fixturenames
+    ]
+    config.hook.pytest_deselected(items=idle)
+    items[:] = [item for item in items if item not in idle]
