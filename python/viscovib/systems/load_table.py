@@ -12,6 +12,8 @@ from viscovib import _native
 from viscovib._native import FloatArray
 from viscovib.errors import InputError
 
+#: Pieces of a half sine: the spline is off by 6e-11 of its peak.
+_PIECES = 256
 #: Two times of a base closer than this, relative to the last, are a jump.
 _JUMP = 1e-12
 
@@ -73,6 +75,67 @@ class LoadTable:
 
         if self.on is not None and values.ndim == 2:
             raise InputError("on: must not be given with values for every coordinate")
+
+    @classmethod
+    def half_sine(
+        cls, peak: npt.ArrayLike, duration: float, *, start: float = 0.0, on: Any = None
+    ) -> LoadTable:
+        """Return a shock peak sin(pi (t - start)/duration) of that duration, to 6e-11 of its peak.
+
+        Parameters
+        ----------
+        peak : float or array_like, shape (n_dof,)
+            On the first coordinate, or on each (N, N m), as `Body.load` gives it. An acceleration
+            a of the floor acts on the motion relative to it as the force -m a.
+        duration, start : float
+            (s).
+        on : str, int, mapping or array_like, optional
+            As of `LoadTable`.
+
+        Examples
+        --------
+        >>> import viscovib as vv
+        >>> shock = vv.LoadTable.half_sine(50.0, 0.011)
+        >>> round(float(shock(0.0055)), 6)
+        50.0
+        """
+        places = np.linspace(0.0, 1.0, _PIECES + 1)
+        return cls._shock(peak, duration, start, on, places, np.sin(np.pi * places), "cubic")
+
+    @classmethod
+    def sawtooth(
+        cls, peak: npt.ArrayLike, duration: float, *, start: float = 0.0, on: Any = None
+    ) -> LoadTable:
+        """Return a shock that grows evenly to its peak and ends there (terminal peak sawtooth).
+
+        Parameters
+        ----------
+        peak, duration, start, on
+            As of `half_sine`.
+
+        Examples
+        --------
+        >>> import viscovib as vv
+        >>> shock = vv.LoadTable.sawtooth(50.0, 0.011)
+        >>> round(float(shock(0.0055)), 6)
+        25.0
+        """
+        ends = np.array([0.0, 1.0])
+        return cls._shock(peak, duration, start, on, ends, ends, "linear")
+
+    @classmethod
+    def _shock(
+        cls, peak: npt.ArrayLike, duration: float, start: float, on: Any, places: FloatArray,
+        shape: FloatArray, interpolation: str,
+    ) -> LoadTable:  # fmt: skip
+        size = _native.real_array("peak", peak)
+        if size.ndim > 1:
+            raise InputError(f"peak: must be a number or have shape (n_dof,), got {size.shape}")
+        length, begin = _native.number("duration", duration), _native.number("start", start)
+        if not length > 0:
+            raise InputError(f"duration = {length:g}: must be greater than 0")
+        values = shape * size if size.ndim == 0 else np.multiply.outer(shape, size)
+        return cls(times=begin + length * places, values=values, interpolation=interpolation, on=on)
 
     def __call__(self, t: npt.ArrayLike) -> FloatArray:
         """Load at times t, shape t.shape + values.shape[1:]."""
