@@ -1,7 +1,9 @@
 """Results as values: they print in a few lines, compare, pickle, copy, are drawn and saved."""
 
+import ast
 import copy
 import pickle
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -308,3 +310,34 @@ def test_what_follows_from_the_harmonics(name):
         -((k * nu) ** 2) * own[list(orders).index(k)], rel=1e-15
     )
     assert result.phase(dof, k)[i] == np.angle(own[list(orders).index(k)])
+
+
+#: Where a result is one of several kinds of argument, and a scene's is told from a sweep's Dataset.
+_ASKED = {
+    "analyses/signals.py: Trajectory",
+    "analyses/starts.py: Trajectory",
+    "analyses/structure_motion.py: StructureTrajectory",
+    "rubber/amplitude_fit.py: ParametricFit",
+    "rubber/kernel_fit.py: MasterCurve",
+    "rubber/terms.py: KernelFit",
+    "scene/job.py: Result",
+}
+
+
+def test_results_are_not_asked_what_they_are():
+    """Faces ask results for what they need: no other `isinstance` in the package names a result."""
+    assert all(getattr(vv, name) is not None for name in dir(vv))  # loads them
+    names, pending = set(), [vv.Result]
+    while pending:
+        kind = pending.pop()
+        names.add(kind.__name__)
+        pending += kind.__subclasses__()
+    assert {"Response", "DrivenBranch", "TableResult", "StructureTrajectory"} <= names
+    package = Path(vv.__file__).parent
+    found = set()
+    for path in package.rglob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text())):
+            if isinstance(node, ast.Call) and getattr(node.func, "id", "") == "isinstance":
+                asked = {one.id for one in ast.walk(node.args[1]) if isinstance(one, ast.Name)}
+                found |= {f"{path.relative_to(package)}: {name}" for name in asked & names}
+    assert found == _ASKED

@@ -65,6 +65,7 @@ NOTHING_TO_JUDGE = {
     "Result.plot": _PICTURE,
     "Result.numbers": "what sweeps keep, which sweeps judges",
     "TableResult": "columns as the core wrote them, which test_tables compares",
+    "TableResult.stable": "a column as the core wrote it, which test_tables compares",
     "TableResult.to_dataset": "columns as the core wrote them, which test_modes compares",
     "MasterCurve.to_dataset": _ARRAYS,
     "KramersKronig.to_dataset": _ARRAYS,

@@ -124,6 +124,7 @@ class Backbone(PeriodicMotions, Result):
     _tolerance: float = 1e-10
 
     kind = "backbone"
+    _form = "backbone"
 
     @property
     def complete(self) -> bool:  # type: ignore[override]

@@ -119,6 +119,12 @@ class DrivenResponse(Result):
     dof_units: tuple[str, ...] = ("1", "rad", "rad")
 
     kind = "response"
+    _form = "response"
+
+    @property
+    def _along(self) -> tuple[FloatArray, str, bool]:
+        """What varies: its values, its label, and whether it is a circular frequency."""
+        return self.parameter, self.varies or self.axes[0], False
 
     @property
     def complete(self) -> bool:  # type: ignore[override]

@@ -148,6 +148,10 @@ class DrivenBranch(PeriodicMotions, Curve):
     dof_units: tuple[str, ...] = ("1", "rad", "rad")
 
     @property
+    def _crossed(self) -> tuple[BranchPoint, ...]:  # type: ignore[override]
+        return self.branch_points
+
+    @property
     def nu(self) -> FloatArray:
         """Base frequencies, shape (n,) if there is one axis."""
         return self.base[:, 0] if len(self.axes) == 1 else self.base

@@ -31,7 +31,7 @@ from viscovib.results.curves import (
     located_crossings,
     range_of,
 )
-from viscovib.results.structure_results import StructureBranch, warn_of_reduction
+from viscovib.results.structure_results import StructureBranch
 from viscovib.results.structure_view import View
 from viscovib.systems.load import LoadLike
 from viscovib.systems.oscillators import Steady, check_steady, refuse_turning
@@ -349,8 +349,7 @@ def _branch(
             ConvergenceWarning,
             stacklevel=caller(),
         )
-    if isinstance(branch, StructureBranch):
-        warn_of_reduction(branch)
+    branch._warn_of_reduction()
     return branch
 
 

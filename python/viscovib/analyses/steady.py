@@ -26,7 +26,7 @@ from viscovib.common.plan import Plan
 from viscovib.common.progress import progress_bar
 from viscovib.errors import ConvergenceWarning, InputError, caller
 from viscovib.results.response import Response
-from viscovib.results.structure_results import StructureResponse, warn_of_reduction
+from viscovib.results.structure_results import StructureResponse
 from viscovib.results.structure_view import View
 from viscovib.systems.condensed import LoadedStructure
 from viscovib.systems.load import LoadLike
@@ -112,7 +112,7 @@ def mount_response(
         own = given["coefficients"] - planned.loaded.base_motion(given["harmonics"])
         given |= {"dof_names": view.names, "dof_units": view.units}
         response = StructureResponse(**given, _condensed=own, _view=view)
-        warn_of_reduction(response)
+        response._warn_of_reduction()
     else:
         if coordinates is not None:
             raise InputError("coordinates: can be chosen for a structure only, must be None")
@@ -341,10 +341,7 @@ def _warn_of_few_orders(response: Response) -> None:
     if not few.any():
         return
     worst = int(np.nanargmax(np.where(few, response.truncation, 0)))
-    # Of a structure those left, which need no expansion to all coordinates.
-    motions = (
-        response._condensed if isinstance(response, StructureResponse) else response.coefficients
-    )
+    motions = response._solved
     warnings.warn(
         f"at {few.sum()} of {things(few.size, 'frequency', 'frequencies')} the orders kept do "
         f"not reach the tolerance {response._tolerance:.1e}; worst at nu = "

@@ -8,7 +8,7 @@ import tempfile
 import time
 import warnings
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -103,8 +103,7 @@ def measure(scene: Scene, *, seconds: float = 2.0, runs: int | None = None) -> B
     with warnings.catch_warnings(), tempfile.TemporaryDirectory() as folder:
         quiet()
         result = run_one(one)
-        if not isinstance(result.value, Result):
-            raise InputError("bench: must be a single result, not a sweep")
+        value = result._single("bench: must be a single result, not a sweep")
         table = Path(folder) / "table.csv"
         share = limit / 6
         phases = (
@@ -114,7 +113,7 @@ def measure(scene: Scene, *, seconds: float = 2.0, runs: int | None = None) -> B
             _timing("table", lambda: result.to_csv(table), share, count),
         )
         error, compared = _error(result)
-    return Benchmark(scene, phases, _size(result.value, phases[2].best), error, compared)
+    return Benchmark(scene, phases, _size(value, phases[2].best), error, compared)
 
 
 def run_bench(options: argparse.Namespace) -> int:
@@ -157,22 +156,17 @@ def _size(value: Result, best: float) -> str:
 
 def _error(result: SceneResult) -> tuple[float | None, str]:
     """Compute once more and better; the largest difference."""
-    scene, value = result.scene, result.value
+    scene, value = result.scene, result._single("bench: must be a single result, not a sweep")
     try:
-        if isinstance(value, Trajectory):
-            if value.error is None:
-                better = simulate(**scene._motion(), estimate_error=True)
-                value = replace(value, error=better.error)
-            return value.error, "of the states, by half the step"
-        if isinstance(value, Response):
-            return _response_error(scene, value)
-        if isinstance(value, Branch) or (isinstance(value, DrivenBranch) and len(value.axes) == 1):
-            return _branch_error(scene, value)
-        if isinstance(value, Backbone):
-            return _backbone_error(scene, value)
+        return _ERRORS[value._form](scene, value) if value._form in _ERRORS else (None, "")
     except ViscovibError as error:
         return None, str(error)
-    return None, ""
+
+
+def _motion_error(scene: Scene, value: Trajectory) -> tuple[float | None, str]:
+    if value.error is None:
+        value = simulate(**scene._motion(), estimate_error=True)
+    return value.error, "of the states, by half the step"
 
 
 def _response_error(scene: Scene, value: Response) -> tuple[float | None, str]:
@@ -193,6 +187,9 @@ def _response_error(scene: Scene, value: Response) -> tuple[float | None, str]:
 
 
 def _branch_error(scene: Scene, value: Branch | DrivenBranch) -> tuple[float | None, str]:
+    if value.harmonics.ndim > 1:
+        # Orders of several frequencies.
+        return None, ""
     more = min(2 * int(value.harmonics.max()) + 1, MAX_HARMONICS)
     better = run_one(scene.override({"branch.harmonics": more, "branch.tolerance": 1e-13})).branch
     # The peaks of the lowest order that moves.
@@ -216,6 +213,13 @@ def _backbone_error(scene: Scene, value: Backbone) -> tuple[float | None, str]:
         return None, "the curve does not reach its end"
     note = f"relative, of the last frequency, against {more} harmonics and tolerance 1e-13"
     return abs(float(value.nu[-1] / better.nu[-1]) - 1), note
+
+
+#: How much is wrong with a result, by its form.
+_ERRORS: dict[str, Callable[[Scene, Any], tuple[float | None, str]]] = {
+    "trajectory": _motion_error, "response": _response_error, "branch": _branch_error,
+    "backbone": _backbone_error,
+}  # fmt: skip
 
 
 def _time(seconds: float) -> str:

@@ -23,12 +23,9 @@ from viscovib.errors import (
     one_line,
 )
 from viscovib.plots.pictures import save_picture
-from viscovib.results.trajectory import Trajectory
 from viscovib.scene.job import SceneResult, plan
 from viscovib.scene.scene import Scene
-from viscovib.scene.table import TableResult
 from viscovib.sweeps.run_scene import run
-from viscovib.systems.pendulum import Pendulum
 
 _EXAMPLES = """examples:
   viscovib run mount.nml                    table and picture in out/
@@ -189,7 +186,7 @@ def _run(options: argparse.Namespace) -> int:
     if scene.groups["sweep"]:
         return run_sweep(options)
     result = _compute(options, scene)
-    assert isinstance(result.value, Result)
+    value = _value(result)
     table = options.out / f"{options.scene.stem}_{result.kind}.csv"
     tables = [table]
     result.to_csv(table)
@@ -201,29 +198,33 @@ def _run(options: argparse.Namespace) -> int:
         tables.append(options.out / f"{options.scene.stem}_spectrum.csv")
         result.spectrum_to_csv(tables[-1])
     pictures = _picture(options, result)
-    status = 0 if result.value.complete and not wanting else _UNSOLVED
+    status = 0 if value.complete and not wanting else _UNSOLVED
     if options.json:
         _print_json(options, status, **_told(result), tables=tables, pictures=pictures)
     elif not options.quiet:
-        print(f"{one_line(str(table))}: " + result.value.summary().replace("\n", "\n  "))
+        print(f"{one_line(str(table))}: " + value.summary().replace("\n", "\n  "))
     return status
+
+
+def _value(result: SceneResult) -> Result:
+    return result._single("run: must be a single result, not a sweep")
 
 
 def _told(result: SceneResult) -> dict[str, Any]:
     """Return what is told of a result in JSON."""
-    assert isinstance(result.value, Result)
+    value = _value(result)
     try:
         numbers = {
             name: {"value": number.value, "unit": number.unit}
-            for name, number in result.value.numbers().items()
+            for name, number in value.numbers().items()
         }
     except InputError:
         # Of this kind no few numbers tell.
         numbers = {}
     return {
         "kind": result.kind,
-        "complete": bool(result.value.complete),
-        "summary": result.value.summary(),
+        "complete": bool(value.complete),
+        "summary": value.summary(),
         "numbers": numbers,
     }
 
@@ -282,17 +283,13 @@ def _compute(options: argparse.Namespace, scene: Scene) -> SceneResult:
 
 
 def _picture(options: argparse.Namespace, result: SceneResult) -> list[Path]:
-    assert isinstance(result.value, Result)
-    pictures: list[Result] = [result.value]
-    bases = None
-    if isinstance(result.value, Trajectory) and isinstance(result.value.system, Pendulum):
-        body = result.value.system
-        loads = {"p1": (body.f0, body.p1), "p2": (body.m01, body.p2), "p3": (body.m02, body.p3)}
-        bases = {name: p for name, (size, p) in loads.items() if size and p} or None
+    value = _value(result)
+    pictures: list[Result] = [value]
+    bases = value._base_frequencies()
     if result.spectrum is not None:
         pictures.append(result.spectrum)
     # Tables that belong to another are no curves beside it.
-    curves: Any = () if isinstance(result.value, TableResult) else result.switched
+    curves: Any = () if value._form == "table" else result.switched
     paths = []
     for shown in pictures:
         path = options.out / f"{options.scene.stem}_{shown.kind}.png"

@@ -43,6 +43,14 @@ class PeriodicMotions:
 
     dof_names: tuple[str, ...]
 
+    @property
+    def _solved(self) -> ComplexArray:
+        """Harmonics of the unknowns: of a structure those left, which need no expansion."""
+        return self._motions()[2]
+
+    def _warn_of_reduction(self) -> None:
+        """Warn of what a reduction of the system left out, if there was one."""
+
     def _motions(self) -> tuple[FloatArray, npt.NDArray[Any], ComplexArray]:
         """Return nu, shape (n,), the orders, shape (m,), and X_k, shape (n, n_dof, m)."""
         raise NotImplementedError

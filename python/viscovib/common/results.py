@@ -69,6 +69,9 @@ class Result(Value):
     kind: ClassVar[str]
     #: Whether all of it was found, to the accuracy asked for.
     complete: bool = True
+    #: What scenes and faces call it: "response", "branch", "backbone", "trajectory", "steady",
+    #: "table", or none of these.
+    _form: ClassVar[str] = ""
 
     def _headline(self) -> str:
         """Return how it ended, how much was found and what is wrong with it, in one line."""
@@ -93,6 +96,10 @@ class Result(Value):
     def panels(self) -> list[Panel]:
         """Return one curve a coordinate, for pictures that compare results."""
         raise InputError(f"panels: must be those of a response, branch or motion, not {self.kind}")
+
+    def _base_frequencies(self) -> dict[str, float] | None:
+        """Return the frequencies of its loads by name, whose multiples a picture may mark."""
+        return None
 
     def _pieces(self) -> tuple[int, str, str]:
         """Return how many pieces it took, that in words, and the word for one."""

@@ -3,7 +3,7 @@
 import math
 import re
 import warnings
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -16,7 +16,6 @@ from viscovib.errors import InputError
 from viscovib.plots.axes import jumps_of
 from viscovib.plots.outlines import Drawing, drawing_of
 from viscovib.results.scales import ScalesResponse
-from viscovib.results.trajectory import Trajectory
 from viscovib.scene.scene import Scene
 from viscovib.scene.table import TableResult
 from viscovib.sweeps.points import quiet
@@ -76,9 +75,8 @@ class Curve:
 
 def curves_of(value: Any, others: Sequence[Any] = ()) -> list[Curve]:
     """Return one curve a coordinate; branches that leave the first follow it after a gap."""
-    if isinstance(value, ScalesResponse):
-        return _of_scales(value)
-    if isinstance(value, TableResult) and (found := _of_table(value)):
+    own = _OWN.get(str(value._form))
+    if own is not None and (found := own(value)):
         return found
     try:
         panels = value.panels()
@@ -160,6 +158,10 @@ def _of_table(value: TableResult) -> list[Curve]:
     ]  # fmt: skip
 
 
+#: Results whose curves are no panels.
+_OWN: dict[str, Callable[[Any], list[Curve]]] = {"steady": _of_scales, "table": _of_table}
+
+
 def _stability(result: Any, n: int) -> npt.NDArray[np.int8]:
     stable = getattr(result, "stable", None)
     if stable is None:
@@ -206,16 +208,13 @@ def motion_of(
     scene: Scene, value: Any, others: Sequence[Any], curve: Curve, point: int
 ) -> Motion | None:
     """Return the motion at a point of a curve; None where there is none to show."""
-    if isinstance(value, TableResult):
-        return None
-    system = _system(scene)
-    if isinstance(value, Trajectory):
+    if value._form == "trajectory":
         if value.t.size < 2:
             return None
         # State by state: with some left out fast motions would look slow.
         late = slice(max(0, value.t.size - _MOST_FRAMES), None)
         drawing = drawing_of(
-            value.state[late, ::2], value.dof_names, value.system.dof_units, system
+            value.state[late, ::2], value.dof_names, value.system.dof_units, _system(scene)
         )
         return Motion(drawing, f"motion from t = {value.t[late][0]:g} to {value.t[-1]:g}")
     if not hasattr(value, "waveform") or curve.x.size == 0:
@@ -234,7 +233,7 @@ def motion_of(
         return None
     if not np.isfinite(motion).all():
         return None
-    drawing = drawing_of(motion, value.dof_names, value.dof_units, system)
+    drawing = drawing_of(motion, value.dof_names, value.dof_units, _system(scene))
     known = {UNSTABLE: ", unstable", STABLE: "", UNKNOWN: ", stability unknown"}
     name, _, unit = curve.x_label.partition(" (")
     place = f"{name.split()[-1]} = {curve.x[at]:.5g} {unit.rstrip(')')}".rstrip()

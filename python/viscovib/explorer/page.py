@@ -28,7 +28,6 @@ from viscovib.explorer.state import State
 from viscovib.explorer.widgets import HANDLE, NumberRow, Saver, alert, card, flow, player, words
 from viscovib.explorer.words import legend, peaks
 from viscovib.plots.pictures import save_picture
-from viscovib.scene.table import TableResult
 
 #: Seconds of computing from which a moving slider is waited for, and how long it has to rest (ms).
 _SLOW, _REST = 0.05, 200
@@ -374,9 +373,7 @@ class Page:
 
     def _tell_legend(self) -> None:
         value = self.state.result.value
-        known = getattr(value, "stable", None) is not None or (
-            isinstance(value, TableResult) and "stable" in value.columns
-        )
+        known = getattr(value, "stable", None) is not None
         self.legend.text = legend(self.curves, known, bool(self._frozen), bool(self._measured))
 
     def _query(self) -> str:

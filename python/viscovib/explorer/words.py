@@ -6,7 +6,6 @@ import numpy as np
 
 from viscovib.explorer.drawn import STABLE, UNKNOWN, UNSTABLE, Curve
 from viscovib.explorer.state import State
-from viscovib.scene.table import TableResult
 from viscovib.sweeps.scenes import summary
 
 _LINE = (
@@ -24,7 +23,7 @@ _SIGNS = {
 
 def peaks(state: State) -> str:
     """Return peaks, and how they changed since the scene was read, as HTML."""
-    if isinstance(state.result.value, TableResult) and state.result.value.kind != "modes":
+    if state.result.value._form == "table" and state.result.kind != "modes":
         # The first row of a table of harmonics tells nothing.
         return ""
     try:

@@ -12,14 +12,11 @@ import numpy as np
 
 from viscovib import _native
 from viscovib._native import FloatArray
-from viscovib.analyses.driven import DrivenResponse
 from viscovib.common.files import whole_file
 from viscovib.common.parameters import FilePath, Number, Whole
-from viscovib.common.periodic_motions import PeriodicMotions
 from viscovib.errors import InputError
 from viscovib.plots.outlines import Drawing, drawing_of
 from viscovib.plots.style import COLOURS
-from viscovib.results.trajectory import Trajectory
 
 if TYPE_CHECKING:
     from matplotlib.animation import FuncAnimation
@@ -112,7 +109,7 @@ def _motion(
     motion: Any, point: int | None, count: int | None
 ) -> tuple[FloatArray, FloatArray, Sequence[str], Sequence[str], str]:
     """Return times, coordinates at each (n, n_dof), their names and units, and words."""
-    if isinstance(motion, Trajectory):
+    if getattr(motion, "_form", None) == "trajectory":
         if point is not None:
             raise InputError("point: a motion in time is one motion, leave it out")
         if motion.t.size < 2:
@@ -125,7 +122,7 @@ def _motion(
             motion.system.dof_units,
             "",
         )
-    if not isinstance(motion, (PeriodicMotions, DrivenResponse)):
+    if not hasattr(motion, "waveform"):
         raise InputError(
             f"motion = {_native.shown(motion)}: must be a Trajectory, or a response, branch or "
             "backbone"

@@ -9,11 +9,10 @@ import numpy as np
 import numpy.typing as npt
 
 from viscovib import _native
-from viscovib._native import ComplexArray, FloatArray
+from viscovib._native import FloatArray
 from viscovib.analyses.backbones import Backbone
 from viscovib.analyses.driven import DrivenResponse
 from viscovib.analyses.driven_branch import DrivenBranch
-from viscovib.errors import InputError
 from viscovib.plots.axes import Shown, jumps_of, moving, torn
 from viscovib.plots.panels import Labels, chosen_panels, order_of
 from viscovib.plots.style import BY_STABILITY, COLOURS, STYLES, bare, harmonic_of
@@ -31,7 +30,6 @@ _CROSSING_MARKERS = {
     "Neimark-Sacker": "v",
 }
 _LABELS = Labels("labels")
-_LOAD = r"circular frequency of the load $\nu$ (rad/s)"
 
 
 def plot_response(
@@ -89,24 +87,23 @@ def plot_response(
     units = dict(zip(names, curves[0].dof_units, strict=True))
     found = moving(names, np.concatenate([_sizes(curve) for curve in curves]))
     names, axes = chosen_panels(ax, names, found)
-    circular = isinstance(curves[0], Response)
+    _, label, circular = curves[0]._along
     for axis, name in zip(axes, names, strict=True):
         for i, curve in enumerate(curves):
-            values = shown.sizes(_harmonic_of(curve, name, harmonic))
-            at = curve.nu if isinstance(curve, Response) else curve.parameter
-            at = shown.places(np.asarray(at), circular)
-            stable = curve.stable if isinstance(curve, Response) else None
+            values = shown.sizes(curve.coefficient(name, harmonic))
+            at = shown.places(np.asarray(curve._along[0]), circular)
+            stable = curve.stable
             style: dict[str, Any] = {
                 "color": COLOURS[i % len(COLOURS)], "linewidth": 1.6,
                 "linestyle": STYLES[i % len(STYLES)],
             }  # fmt: skip
-            label = labels[i] if labels else None
+            named = labels[i] if labels else None
             if stable is None:
-                axis.plot(*_whole(curve, shown, at, values), label=label, **style)
+                axis.plot(*_whole(curve, shown, at, values), label=named, **style)
                 continue
             unstable = np.asarray(stable == False)  # noqa: E712
             for part, dashes, own in (
-                (np.where(unstable, np.nan, values), "-", label),
+                (np.where(unstable, np.nan, values), "-", named),
                 (np.where(_with_neighbours(unstable), values, np.nan), (0, (3, 1.5)), None),
             ):
                 style["linestyle"] = dashes
@@ -114,11 +111,7 @@ def plot_response(
         axis.set_ylabel(shown.y_label(harmonic_of(name, harmonic), units[name]))
         shown.finish(axis)
         bare(axis)
-    first = curves[0]
-    if isinstance(first, Response):
-        axes[-1].set_xlabel(shown.x_label(_LOAD, True))
-    else:
-        axes[-1].set_xlabel(first.varies or first.axes[0])
+    axes[-1].set_xlabel(shown.x_label(label, circular))
     if labels:
         axes[0].legend(frameon=False)
     return axes
@@ -157,16 +150,6 @@ def _with_neighbours(shown: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:
     return wider
 
 
-def _harmonic_of(
-    curve: Response | DrivenResponse, name: str, harmonic: int | tuple[int, ...]
-) -> ComplexArray:
-    if isinstance(curve, DrivenResponse):
-        return curve.coefficient(name, harmonic)
-    if not isinstance(harmonic, int):
-        raise InputError(f"harmonic = {_native.shown(harmonic)}: must be an integer")
-    return curve.coefficient(name, harmonic)
-
-
 def plot_branch(
     branch: Branch | DrivenBranch,
     ax: Axes | Sequence[Axes] | None = None,
@@ -199,7 +182,7 @@ def plot_branch(
     units = dict(zip(branch.dof_names, branch.dof_units, strict=True))
     sizes = _sizes(branch) if ax is not None else _drawn_sizes(branch, harmonic)
     names, axes = chosen_panels(ax, branch.dof_names, moving(branch.dof_names, sizes))
-    circular = isinstance(branch, Branch) and branch.varies == "nu"
+    circular = branch._circular
     for axis, name in zip(axes, names, strict=True):
         order = order_of(harmonic, name)
         d, j = branch._place(name, order)
@@ -219,10 +202,10 @@ def plot_branch(
                 "o", color="k", markersize=4, markerfacecolor="w", label="fold",
             )  # fmt: skip
         _mark_crossings(axis, branch, d, j, shown, circular)
-        if isinstance(branch, DrivenBranch) and branch.branch_points:
+        if branch._crossed:
             axis.plot(
-                [point.parameter for point in branch.branch_points],
-                shown.sizes(np.array([p.coefficients[d, j] for p in branch.branch_points])),
+                [point.parameter for point in branch._crossed],
+                shown.sizes(np.array([p.coefficients[d, j] for p in branch._crossed])),
                 "s", color="k", markersize=4, markerfacecolor="w", label="branch point",
             )  # fmt: skip
         axis.set_ylabel(shown.y_label(harmonic_of(name, order), units[name]))
@@ -257,7 +240,7 @@ def _mark_crossings(
 ) -> None:
     """Mark changes of stability other than folds, a sign for each kind."""
     for kind, marker in _CROSSING_MARKERS.items():
-        if isinstance(branch, DrivenBranch) and kind == "branch point":
+        if branch._crossed is not None and kind == "branch point":
             # Those are marked whether stability changes there or not.
             continue
         here = [

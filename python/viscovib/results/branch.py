@@ -132,6 +132,10 @@ class Branch(PeriodicMotions, Curve):
     _allowed: FloatArray = field(repr=False)
 
     @property
+    def _circular(self) -> bool:
+        return self.varies == "nu"
+
+    @property
     def label(self) -> str:
         """What varies, for the axis of a picture."""
         if self.varies == "nu":

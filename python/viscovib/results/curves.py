@@ -107,6 +107,16 @@ class Curve(Result):
     """What branches of either system share: amplitudes along them and their peaks."""
 
     kind = "branch"
+    _form = "branch"
+
+    #: Points where branches cross, whether stability changes there or not; None: changes of
+    #: stability tell them.
+    _crossed: tuple[BranchPoint, ...] | None = None
+
+    @property
+    def _circular(self) -> bool:
+        """Whether a circular frequency varies, which can be shown in Hz."""
+        return False
 
     coefficients: ComplexArray
     dof_names: tuple[str, ...]

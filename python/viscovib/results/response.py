@@ -139,6 +139,12 @@ class Response(PeriodicMotions, Result):
     power: FloatArray | None = None
 
     kind = "response"
+    _form = "response"
+
+    @property
+    def _along(self) -> tuple[FloatArray, str, bool]:
+        """What varies: its values, its label, and whether it is a circular frequency."""
+        return self.nu, r"circular frequency of the load $\nu$ (rad/s)", True
 
     @property
     def converged(self) -> npt.NDArray[np.bool_]:

@@ -202,6 +202,7 @@ class ScalesResponse(Result):
     _varied: str = field(repr=False)
 
     kind = "multiple_scales"
+    _form = "steady"
 
     @property
     def complete(self) -> bool:  # type: ignore[override]

@@ -55,6 +55,18 @@ class _OfStructure:
         """
         return _checked(self, points)
 
+    @property
+    def _solved(self) -> ComplexArray:
+        return self._condensed
+
+    @property
+    def _factors(self) -> FloatArray:
+        """Factor of the load of each motion."""
+        return np.ones(len(self._condensed))
+
+    def _warn_of_reduction(self) -> None:
+        _warn_of_reduction(self)
+
     def at(self, coordinates: Sequence[str]) -> Self:
         """The same motions in other coordinates of the structure."""
         view = _known(self._view).at(coordinates)
@@ -138,6 +150,10 @@ class StructureBranch(_OfStructure, Branch):
 
     _held: ClassVar = {"coefficients": "_condensed", "fold_coefficients": "_condensed_folds"}
 
+    @property
+    def _factors(self) -> FloatArray:
+        return self.load_factor
+
     @cached_property  # type: ignore[misc]
     def coefficients(self) -> ComplexArray:  # type: ignore[override]
         """X_k of the coordinates held."""
@@ -201,7 +217,7 @@ def _checked(result: Any, points: int) -> FloatArray:
     solved = np.flatnonzero(np.isfinite(result._condensed).all(axis=(1, 2)))
     count = _native.integer("points", points, 1, max(solved.size, 1))
     taken = solved[np.unique(np.linspace(0, solved.size - 1, count).round().astype(int))]
-    load = result.load_factor if isinstance(result, StructureBranch) else np.ones(result.nu.size)
+    load = result._factors
     everywhere = np.arange(loaded.forces.shape[0])
     errors = np.zeros(taken.size)
     for place, i in enumerate(taken):
@@ -220,7 +236,7 @@ def _left_out(result: Any) -> FloatArray:
     return np.asarray(reduced.left_out(result.nu, result.harmonics, result._condensed))
 
 
-def warn_of_reduction(result: StructureResponse | StructureBranch) -> None:
+def _warn_of_reduction(result: Any) -> None:
     """Warn of motions that a reduced structure does not give to its tolerance."""
     reduced = _known(result._view).loaded.condensation.reduced
     if reduced is None:

@@ -117,6 +117,7 @@ class Trajectory(Result):
     events: tuple[Passages, ...] = ()
 
     kind = "transient"
+    _form = "trajectory"
 
     def __call__(self, t: npt.ArrayLike) -> FloatArray:
         """States at any times of the run, shape (2 n_dof,) or (n, 2 n_dof).
@@ -252,6 +253,13 @@ class Trajectory(Result):
             raise InputError(f"trajectory: {self.t.size} states kept, must be at least 4")
         work = CubicSpline(self.t, power(self.t, self.state)).antiderivative()
         return np.asarray(energy - energy[0] - (work(self.t) - work(self.t[0])))
+
+    def _base_frequencies(self) -> dict[str, float] | None:
+        body = self.system
+        if not isinstance(body, Pendulum):
+            return None
+        loads = {"p1": (body.f0, body.p1), "p2": (body.m01, body.p2), "p3": (body.m02, body.p3)}
+        return {name: p for name, (size, p) in loads.items() if size and p} or None
 
     def to_dataset(self, *, physical: bool = False) -> xr.Dataset:
         """Coordinates and velocities as an xarray Dataset over t.

@@ -7,7 +7,7 @@ import os
 import warnings
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, cast
 
 from viscovib import _native
 from viscovib._native import core
@@ -65,11 +65,25 @@ class SceneResult:
     switched: tuple[DrivenBranch, ...] | tuple[Backbone, ...] | tuple[TableResult, ...] = ()
 
     @property
+    def _result(self) -> Result | None:
+        """The result of a single run; None of a sweep."""
+        return self.value if isinstance(self.value, Result) else None
+
+    def _single(self, otherwise: str) -> Result:
+        """The same, or an error that says this."""
+        if self._result is None:
+            raise InputError(otherwise)
+        return self._result
+
+    def _of(self, form: str) -> Any:
+        if self._result is None or self._result._form != form:
+            raise InputError(f"{form}: this scene computed another result, see value")
+        return self._result
+
+    @property
     def kind(self) -> str:
         """As in the names of tables: "response", "branch", "transient", ..."""
-        if not isinstance(self.value, Result):
-            return "sweep"
-        return self.value.kind
+        return "sweep" if self._result is None else self._result.kind
 
     @property
     def plan(self) -> Plan:
@@ -82,10 +96,8 @@ class SceneResult:
         ``which``: 0 the result itself, 1, 2, ... those that leave it, as in ``switched``.
         """
         place = _native.integer("which", which, 0, len(self.switched))
-        value = self.switched[place - 1] if place else self.value
-        if not isinstance(value, Result):
-            raise InputError("to_csv: is for single results, a sweep has points")
-        self._write(value, path)
+        value = self._single("to_csv: is for single results, a sweep has points")
+        self._write(self.switched[place - 1] if place else value, path)
 
     def spectrum_to_csv(self, path: str | os.PathLike[str]) -> None:
         """Write the table of the spectrum."""
@@ -102,44 +114,40 @@ class SceneResult:
     @property
     def response(self) -> Response:
         """The response of a mount."""
-        if not isinstance(self.value, Response):
-            raise InputError("response: this scene computed another result, see value")
-        return self.value
+        found: Response = self._of("response")
+        return found
 
     @property
     def branch(self) -> Branch | DrivenBranch:
         """The branch."""
-        if not isinstance(self.value, (Branch, DrivenBranch)):
-            raise InputError("branch: this scene computed another result, see value")
-        return self.value
+        found: Branch | DrivenBranch = self._of("branch")
+        return found
 
     @property
     def backbone(self) -> Backbone:
         """The free motions of a mode."""
-        if not isinstance(self.value, Backbone):
-            raise InputError("backbone: this scene computed another result, see value")
-        return self.value
+        found: Backbone = self._of("backbone")
+        return found
 
     @property
     def sweep(self) -> xr.Dataset:
         """A few numbers at every point of a grid (`viscovib.sweeps.scenes.summary`)."""
-        if isinstance(self.value, Result):
+        if self._result is not None:
             raise InputError("sweep: this scene computed another result, see value")
-        return self.value
+        found: Any = self.value
+        return cast("xr.Dataset", found)
 
     @property
     def steady(self) -> ScalesResponse:
         """The steady motions by multiple scales."""
-        if not isinstance(self.value, ScalesResponse):
-            raise InputError("steady: this scene computed another result, see value")
-        return self.value
+        found: ScalesResponse = self._of("steady")
+        return found
 
     @property
     def trajectory(self) -> Trajectory:
         """The motion of a pendulum."""
-        if not isinstance(self.value, Trajectory):
-            raise InputError("trajectory: this scene computed another result, see value")
-        return self.value
+        found: Trajectory = self._of("trajectory")
+        return found
 
 
 def run_one(scene: Scene, *, progress: bool = False) -> SceneResult:

@@ -49,12 +49,19 @@ class TableResult(Result):
     'modes'
     """
 
+    _form = "table"
+
     kind: str  # type: ignore[misc]
     columns: dict[str, npt.NDArray[Any]]
     notes: tuple[str, ...]
     plan: Plan
     complete: bool
     _told: str = field(repr=False, default="")
+
+    @property
+    def stable(self) -> npt.NDArray[Any] | None:
+        """The column of that name: 1 stable, 0 unstable, else unknown; None if there is none."""
+        return self.columns.get("stable")
 
     def _headline(self) -> str:
         return self._told

@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from viscovib import _native
 from viscovib.common.fingerprint import describe
-from viscovib.common.results import Number, Result
+from viscovib.common.results import Number
 from viscovib.errors import InputError
 from viscovib.results.response import Response
 from viscovib.scene.job import SceneResult, run_one
@@ -40,9 +40,10 @@ class _AtPoint:
             units = {name: number.unit for name, number in found.items() if number.unit}
             return Numbers({name: number.value for name, number in found.items()}, units)
         chosen = result.scene.groups.get("response", {}).get("harmonics") == "auto"
-        if isinstance(result.value, Response) and chosen and result.value.method != "linear":
-            return _of_one_shape(result.value)
-        return result.value
+        value: Any = result.value
+        if chosen and value._form == "response" and value.method != "linear":
+            return _of_one_shape(value)
+        return value
 
 
 def _of_one_shape(value: Response) -> Response:
@@ -93,9 +94,7 @@ def summary(result: SceneResult) -> dict[str, Any]:
 
 
 def _numbers(result: SceneResult) -> dict[str, Number]:
-    if not isinstance(result.value, Result):
-        raise InputError("summary: must be that of a single result, not of a sweep")
-    return result.value.numbers()
+    return result._single("summary: must be that of a single result, not of a sweep").numbers()
 
 
 def _flat(scene: Scene) -> dict[str, str]:
