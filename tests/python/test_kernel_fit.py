@@ -420,3 +420,19 @@ def test_pictures():
     band = vv.propagate(fit, lambda s: np.abs(s.kernel.transform(nu)), samples=20)
     assert len(band.plot(nu).lines) == 1
     plt.close("all")
+
+
+@pytest.mark.parametrize("second", [2.0**20, 2.0**-20, 1e6, 3.7])
+def test_terms_of_a_fit_do_not_depend_on_the_unit_of_time(second):
+    """Six decades are six decades in milliseconds too: rounding added a term a decade."""
+    nu = np.geomspace(1e-3, 1e3, 30)
+    noise = 1 + 0.01 * np.random.default_rng(3).standard_normal((2, nu.size))
+    stiff = 1 - vv.PronyKernel(weights=[0.4], rates=[0.8]).transform(nu)
+    transforms = []
+    for unit in (1.0, second):
+        data = vv.ModulusData(
+            frequencies=nu * unit, storage=stiff.real * noise[0], loss=stiff.imag * noise[1]
+        )
+        fit = vv.fit_kernel(data, kind="prony")
+        transforms.append(fit.kernel.transform(nu * unit))
+    np.testing.assert_allclose(transforms[1], transforms[0], atol=1e-10)

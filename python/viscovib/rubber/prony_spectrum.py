@@ -18,7 +18,8 @@ MOST_TERMS = 2000
 def grid_of_times(low: float, high: float, per_decade: float, beyond: float = 0.0) -> FloatArray:
     """Times from ``low`` to ``high`` (s) and ``beyond`` decades further, even in decades."""
     decades = math.log10(high / low) + 2 * beyond
-    n = min(max(math.ceil(decades * per_decade) + 1, 2), MOST_TERMS)
+    # Rounding of the times, such as of whole decades in other units, adds no term.
+    n = min(max(math.ceil(decades * per_decade - 1e-9) + 1, 2), MOST_TERMS)
     return np.asarray(np.geomspace(low / 10**beyond, high * 10**beyond, n))
 
 
