@@ -107,7 +107,9 @@ def mount_response(
         given |= _stability_of(parts, _joined(parts, 1) == 0)
     response: Response
     if planned.loaded is not None:
-        view = View.of(system, planned.loaded, coordinates)
+        linear = planned.method == "linear"
+        loaded = planned.loaded.linear_part() if linear else planned.loaded
+        view = View.of(system, loaded, coordinates)
         # What the core gives is absolute.
         own = given["coefficients"] - planned.loaded.base_motion(given["harmonics"])
         given |= {"dof_names": view.names, "dof_units": view.units}

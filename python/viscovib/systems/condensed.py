@@ -1,5 +1,6 @@
 """A structure condensed to the deflections of its elements, and back to all its coordinates."""
 
+from copy import copy
 from functools import cached_property
 from typing import Any, NamedTuple
 
@@ -221,6 +222,25 @@ class LoadedStructure:
         self.pushes = [_push(condensation, forces[:, j]) for j in range(orders.size)]
         self.base_push = _push(condensation, inertia.astype(complex))
         self.forces, self._inertia = forces, inertia
+        #: Whether motions are those of the linear part, whose forces need no division by H.
+        self.linear = False
+
+    def linear_part(self) -> "LoadedStructure":
+        """The same for motions without what is not linear.
+
+        Forces g of the elements on the rest then follow from the motions, g = S R(s) y with the
+        stiffness S and transform R of each kernel, 0 without memory. From H g = y - free they lose
+        as many digits as H is small, which is all where an element is at rest (an antiresonance).
+        """
+        laws = self.condensation.laws
+        if any(sum(powers) < 2 for group in laws.forces for _, powers in group):
+            return self
+        alone = zip(laws.kernels, laws.stiffness, strict=True)
+        if laws.programs or any(kernel is None and own.any() for kernel, own in alone):
+            return self
+        same = copy(self)
+        same.linear = True
+        return same
 
     @classmethod
     def of(
@@ -407,6 +427,12 @@ class LoadedStructure:
         # Modes next to a resonance are unknowns of their own: in H they would hide all others.
         loud = np.flatnonzero((np.abs(apart) < _NEAR * np.abs(rest.squares)).any(axis=0))
         quiet = np.delete(np.arange(rest.squares.size), loud)
+        if self.linear and not (loud.size and any(c.laws.kernels)):
+            g = np.zeros_like(y)
+            for kernel, own in zip(c.laws.kernels, c.laws.stiffness, strict=True):
+                if kernel is not None:
+                    g += kernel.transform(s.imag)[:, np.newaxis] * (y @ own.T)
+            return (modes + g @ c.seen.T) * t, (poles + g @ c.right.T) * w, g
         free += (modes[:, quiet] * t[:, quiet]) @ c.seen[quiet] + (poles * w) @ c.left
         h = _products(t[:, quiet], c.seen[quiet], c.seen[quiet])
         h = h + _products(w, c.left, c.right)
