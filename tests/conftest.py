@@ -15,6 +15,7 @@ LONGEST = (
     "test_scales_choice",
     "test_fuzz",
     "test_results",
+    "test_driver",
     "test_branch",
     "test_kernel_fit",
     "test_commands",
