@@ -116,6 +116,9 @@ def simulate_ensemble(
         Gather the largest Lyapunov exponent, by the variational equation (about three times the
         work); "all": all 2 n_dof exponents, of disturbances that are made orthonormal again and
         again (Gram and Schmidt; Benettin et al., Meccanica 15, 1980; 6 n_dof times the work).
+        Disturbances are measured as states are, velocities beside displacements. So where motions
+        swing at omega far from 1 rad/s, an exponent is uncertain by ln(omega)/T after a time T:
+        take a unit of time in which omega is about 1, or long runs.
         Run by run, and of more than 3 coordinates, by motions beside the motion, 1e-7 of its
         size away, which switch at times of their own: exponents are then good to about 1e-6 of
         the fastest rate. With memory, or elements that know what was, a state is the whole past:
