@@ -21,6 +21,8 @@ from viscovib.results.trajectory import Trajectory
 _FEW = 4
 #: Parts of a step in which polynomials are compared, a power of 2: their degree, less 1 or 2.
 _PARTS = 8
+#: The method whose polynomials have that degree.
+_HIGH = "gauss8"
 #: Factor by which the gain of shorter steps is taken to be less than seen.
 _SAFETY = 8.0
 #: What halving the step gains inside steps that are short enough for the order to show.
@@ -67,7 +69,9 @@ def by_tolerance(
                 kept = _every(fine, parts // needed)
                 if needed <= factor:
                     return _found(kept, change, told)
-                two = _every(coarse, held // least), _every(fine, parts // least)
+                # At all that both keep: places further apart may be ends of steps alone.
+                both = min(held, parts)
+                two = _every(coarse, held // both), _every(fine, parts // both)
                 change_inside = np.abs(two[1].state - told_in_one_way(*two).state)
                 gain = _gain(coarse, 2 * held // factor, fine, parts // factor)
                 error = change_inside[1:].reshape(len(gain), -1, gain.shape[1]).max(axis=1) / gain
@@ -116,10 +120,13 @@ def _gain(coarse: Trajectory, per_coarse: int, fine: Trajectory, per_fine: int) 
     """How much more exact polynomials are in steps of half the length at least, by step and column.
 
     Their errors go like their highest terms, which differences of as high an order tell. Of so
-    many states a step; too few of them tell nothing, nor do those that are renamed between steps.
+    many states a step; too few of them tell nothing, nor do those that are renamed between steps,
+    nor polynomials of a lower degree, whose differences are rounding or of another term.
     """
     least = np.ones((1, fine.state.shape[1]))
-    if min(per_coarse, per_fine) < _PARTS or getattr(fine.system, "_winds", False):
+    if fine.method != _HIGH or min(per_coarse, per_fine) < _PARTS:
+        return least
+    if getattr(fine.system, "_winds", False):
         return least
     highest, less = (
         np.abs(np.diff(_every(run, k // _PARTS).state, _PARTS, axis=0)[::_PARTS])
