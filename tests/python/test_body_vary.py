@@ -115,3 +115,8 @@ def test_values_and_results_that_are_refused():
     branch = vv.trace_response(body, vary="mass", vary_range=(160, 165), tolerance=1e-4, **given)
     with pytest.raises(vv.InputError, match="mass varies along it"):
         body.mount_forces(branch)
+
+
+def test_left_handed_axes_are_told():
+    with pytest.raises(vv.InputError, match="left-handed, turn one about"):
+        vv.MountPoint(name="a", position=(0, 0, 0), stiffness=(1, 1, 1), axes=-np.eye(3))

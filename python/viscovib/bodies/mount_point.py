@@ -225,9 +225,12 @@ class MountPoint:
             raise InputError(f"{self.name}: axes: must have shape (3, 3), got {axes.shape}")
         off = np.abs(axes.T @ axes - np.eye(3)).max()
         if off > _ROTATION or np.linalg.det(axes) < 0:
+            what = f"axes^T axes is off the unit matrix by {off:.3g}"
+            if off <= _ROTATION:
+                what = "they are left-handed, turn one about"
             raise InputError(
                 f"{self.name}: axes: must be a rotation (columns of unit length, at right angles, "
-                f"right-handed); axes^T axes is off the unit matrix by {off:.3g}"
+                f"right-handed); {what}"
             )
         return np.asarray(axes)
 
