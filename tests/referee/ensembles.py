@@ -17,6 +17,8 @@ JUDGES = (
     "Basins.to_dataset",
 )
 
+METHODS = ("auto", "gauss8", "gauss16")
+
 
 def _lanes(rng, index):
     p = pendulum(rng, f0=few(rng, 1e-3, 0.02, 2), p1=even(rng, 0.6, 1.4, 3))
@@ -28,10 +30,12 @@ def _lanes(rng, index):
     end, every = even(rng, 8, 20, 3), int(rng.choice([1, 2]))
     tolerance = float(rng.choice([1e-8, 1e-10]))
     auto = index % 2 == 0
+    method = METHODS[index // 2 % len(METHODS)]
     step = f"tolerance={tolerance}" if auto else "dt=0.1, statistics=True, lyapunov=True"
     call = f"""system = {p.source}
 many = vv.simulate_ensemble(
-    system, initial={states.tolist()}, t_end={end}, parameters={{"f0": {varied.tolist()}}}, {step}, sample_every={every}
+    system, initial={states.tolist()}, t_end={end}, parameters={{"f0": {varied.tolist()}}}, {step}, sample_every={every},
+    method={method!r},
 )
 state, outcome, error, dt = many.state, many.outcome, many.error, many.step
 peak, mean, rms, lyapunov = many.peak, many.mean, many.rms, many.lyapunov
@@ -88,9 +92,10 @@ def _failed(rng, index):
     states = np.zeros((4, 6))
     states[:, 2] = [0.1, 0.2, 0.3, -0.2]
     bad = int(rng.integers(4))
+    method = METHODS[index % len(METHODS)]
     states[bad, 1] = -even(rng, 4, 9, 2)
     call = f"""system = {p.source}
-options = dict(t_end=20, dt=0.2, statistics=True, lyapunov=True, discard=10)
+options = dict(t_end=20, dt=0.2, statistics=True, lyapunov=True, discard=10, method={method!r})
 many = vv.simulate_ensemble(system, initial={states.tolist()}, **options)
 outcome, lyapunov, mean, peak, state = many.outcome, many.lyapunov, many.mean, many.peak, many.state
 alone = vv.simulate_ensemble(system, initial={states[(bad + 1) % 4].tolist()}, **options).state[0]
@@ -155,7 +160,7 @@ def _systems(rng, index):
     start = [[even(rng, -1, 1, 3), even(rng, -1, 1, 3)] for _ in range(5)]
     call = f"""system = vv.PolynomialSystem(mass=1, stiffness={k}, damping={c}, forces={law!r})
 many = vv.simulate_ensemble(system, initial={start}, parameters={{"nu": {nus}}}, load={load},
-    t_end=15, dt=0.05, lyapunov="all")
+    t_end=15, dt=0.05, lyapunov="all", method={METHODS[index // 3 % len(METHODS)]!r})
 state, total = many.state, many.spectrum.sum(axis=1)
 """
 
