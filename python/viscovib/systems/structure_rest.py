@@ -189,13 +189,37 @@ def _without_rounding(squares: FloatArray, shapes: FloatArray, stiffness: FloatA
             else f"has {np.sqrt(abs(squares[worst])):.4g} rad/s, and the square of that is known "
             f"to {lost[worst]:.1g} only"
         )
-        warnings.warn(
-            f"stiffness: springs are so different that rounding hides the soft ones: mode {worst} "
-            f"{held}; stiffer parts may be made rigid, or softer",
-            RangeWarning,
-            stacklevel=2,
-        )
+        _warn_of_hidden(f"mode {worst} {held}")
     return result
+
+
+def _warn_of_hidden(told: str) -> None:
+    warnings.warn(
+        f"stiffness: springs are so different that rounding hides the soft ones: {told}; stiffer "
+        "parts may be made rigid, or softer",
+        RangeWarning,
+        stacklevel=3,
+    )
+
+
+def _warn_of_lost_poles(
+    poles: ComplexArray, left: ComplexArray, right: ComplexArray, stiffness: FloatArray
+) -> None:
+    """Tell of complex modes of which rounding of the stiffness leaves little.
+
+    With (s^2 M + s C + K)^-1 = sum left right^T/(s - pole), entries of K that are off by a
+    rounding move a pole by up to eps |right|^T |K| |left|; twice that is the part of its square.
+    """
+    pulled = np.einsum("im,ij,jm->m", np.abs(right), np.abs(stiffness), np.abs(left))
+    moving = poles != 0
+    lost = np.zeros(poles.size)
+    lost[moving] = 2 * np.finfo(float).eps * pulled[moving] / np.abs(poles[moving])
+    worst = int(lost.argmax())
+    if lost[worst] > _LOST:
+        _warn_of_hidden(
+            f"a mode has {abs(poles[worst]):.4g} rad/s, and the square of that is known to "
+            f"{lost[worst]:.1g} only"
+        )
 
 
 def _complex_rest(mass: FloatArray, damping: FloatArray, stiffness: FloatArray) -> Rest:
@@ -220,6 +244,7 @@ def _complex_rest(mass: FloatArray, damping: FloatArray, stiffness: FloatArray) 
     poles[np.abs(poles) <= _RIGID * np.abs(poles).max()] = 0.0
     left = rights[:n]
     right = inverse.T @ (lefts[n:].conj() / scale)
+    _warn_of_lost_poles(poles, left, right, stiffness)
     none = np.zeros(0)
     given = mass, damping, stiffness
     return Rest(none, none, none, np.zeros((n, 0)), poles, left, right, matrices=given)
