@@ -86,9 +86,10 @@ subroutine pendulum_truncation(flat, orders, n_axes, n_orders, kept, drive_order
                                step, most, cancel, truncation, next, status)
   use, intrinsic :: iso_c_binding, only: c_double, c_int
   use viscovib_binding_tools, only: make_pendulum, report
+  use viscovib_order_rules, only: better_bound
   use viscovib_pendulum, only: pendulum_type
   use viscovib_status, only: status_type
-  use viscovib_torus_orders, only: better_bound, branch_truncation, new_ladder, torus_ladder
+  use viscovib_torus_orders, only: branch_truncation, new_ladder, torus_ladder
   implicit none
   integer(c_int), intent(in) :: n_axes, n_orders, n_p, n_unknowns, bound, step, most
   integer(c_int), intent(in) :: orders(n_axes, n_orders), drive_orders(n_axes, 3), vary, which

@@ -13,6 +13,7 @@ module viscovib_driven_job
   use viscovib_orbit_floquet, only: orbit_floquet_type
   use viscovib_orbit_multipliers, only: count_larger
   use viscovib_orbit_stability, only: find_orbit_crossings, judge_orbits, orbit_circle
+  use viscovib_order_rules, only: better_bound, max_vain
   use viscovib_outcomes, only: outcome_converged
   use viscovib_pendulum, only: new_pendulum, pendulum_parameters, pendulum_type
   use viscovib_status, only: fail, set_ok, show, status_input_error, status_type, things
@@ -21,8 +22,7 @@ module viscovib_driven_job
   use viscovib_torus, only: new_torus, torus_type
   use viscovib_torus_balance, only: new_torus_balance, torus_balance_type, vary_amplitude, &
     vary_frequency
-  use viscovib_torus_orders, only: better_bound, branch_truncation, max_vain, new_ladder, &
-    torus_ladder
+  use viscovib_torus_orders, only: branch_truncation, new_ladder, torus_ladder
   use viscovib_torus_response, only: solve_from_rest
   implicit none
   private

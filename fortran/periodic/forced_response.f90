@@ -7,6 +7,7 @@ module viscovib_forced_response
   use viscovib_linear_response, only: linear_response
   use viscovib_load, only: load_type
   use viscovib_newton_response, only: newton_response
+  use viscovib_order_rules, only: times_as_many
   use viscovib_oscillator, only: oscillator_type
   use viscovib_outcomes, only: outcome_converged
   use viscovib_polynomial, only: polynomial_type
@@ -104,7 +105,7 @@ contains
     type(response_type) :: better
     type(harmonic_set_type) :: set
     integer, allocatable :: few(:)
-    real(wp) :: worst, fall
+    real(wp) :: worst, times
     integer :: highest, i
 
     highest = min(max(first_harmonics, 2*lowest_order(load) + 1), plan%most)
@@ -116,8 +117,8 @@ contains
       if (size(few) == 0 .or. highest == plan%most) return
       worst = maxval(response%truncation(few))
       ! Orders fall off geometrically: go on as far as that suggests, and a little more.
-      fall = log(plan%options%tolerance)/log(max(min(worst, 0.5_wp), tiny(1.0_wp)))
-      highest = max(highest + 4, ceiling(1.1_wp*highest*min(fall, 2.0_wp)))
+      times = min(times_as_many(worst, plan%options%tolerance), 2.0_wp)
+      highest = max(highest + 4, ceiling(1.1_wp*highest*times))
       highest = ior(min(highest, 2*set%orders(size(set%orders)) + 1), 1)
       highest = min(highest, plan%most)
       call new_harmonic_set(set, highest, plan%set%half_wave, system%degree)

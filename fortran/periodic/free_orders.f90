@@ -11,9 +11,9 @@ module viscovib_free_orders
   use viscovib_dense, only: factorize_blocks, factorize_padded, solve_padded
   use viscovib_kinds, only: wp
   use viscovib_limits, only: max_harmonics
+  use viscovib_order_rules, only: better_bound, max_vain
   use viscovib_status, only: show
   use viscovib_stopping, only: is_set
-  use viscovib_torus_orders, only: better_bound, max_vain
   implicit none
   private
 

@@ -10,11 +10,11 @@ module viscovib_order_rules
   implicit none
   private
 
-  public :: better_rung, most_along, rung_for_next
+  public :: better_bound, better_rung, most_along, rung_for_next, times_as_many
 
   !> Orders are idle below this part of the tolerance: what is dropped here and missed at
   !! the next point costs another solution.
-  real(wp), parameter :: idle = 0.1_wp
+  real(wp), parameter, public :: idle = 0.1_wp
   !> Additions that may fail to halve the estimate before it is taken for rounding.
   integer, parameter, public :: max_vain = 2
   !> Highest order that is chosen along a branch whatever it brings.
@@ -30,17 +30,29 @@ contains
     most_along = max(merge(modest, max_harmonics, system%degree > 0), lowest_order(load))
   end function most_along
 
-  !> Orders fall off geometrically: go on as far as that suggests, at most to twice as
-  !! many.
+  !> Orders fall off geometrically: how many times as many that suggests.
+  pure real(wp) function times_as_many(truncation, tolerance) result(times)
+    real(wp), intent(in) :: truncation, tolerance
+    times = log(tolerance)/log(max(min(truncation, 0.5_wp), tiny(1.0_wp)))
+  end function times_as_many
+
+  !> As far as the fall of the orders suggests, and a little more, at most to twice as far.
+  pure integer function better_bound(bound, truncation, tolerance, step, last) result(next)
+    integer, intent(in) :: bound, step, last
+    real(wp), intent(in) :: truncation, tolerance
+    next = ceiling(1.05_wp*bound*times_as_many(truncation, tolerance))
+    next = min(max(bound + step, next), 2*bound + 1, last)
+  end function better_bound
+
+  !> Go on as far as the fall of the orders suggests, at most to twice as many.
   pure integer function better_rung(ladder, rung, truncation, tolerance) result(next)
     type(balance_ladder_type), intent(in) :: ladder
     integer, intent(in) :: rung
     real(wp), intent(in) :: truncation, tolerance
-    real(wp) :: fall
     integer :: k
-    fall = log(tolerance)/log(max(min(truncation, 0.5_wp), tiny(1.0_wp)))
     k = ladder%highest(rung)
-    next = ladder%rung_of(min(ceiling(k*min(fall, 2.0_wp)), 2*k + 1))
+    next = ceiling(k*min(times_as_many(truncation, tolerance), 2.0_wp))
+    next = ladder%rung_of(min(next, 2*k + 1))
     next = min(max(next, rung + 1), ladder%n_rungs)
   end function better_rung
 

@@ -9,6 +9,7 @@
 module viscovib_torus_orders
   use viscovib_driven_system, only: differentiable_system_type
   use viscovib_kinds, only: wp
+  use viscovib_order_rules, only: better_bound, idle, max_vain
   use viscovib_outcomes, only: outcome_converged
   use viscovib_status, only: status_type
   use viscovib_stopping, only: is_set
@@ -18,17 +19,12 @@ module viscovib_torus_orders
   implicit none
   private
 
-  public :: torus_ladder, new_ladder, torus_responses, branch_truncation, better_bound
+  public :: torus_ladder, new_ladder, torus_responses, branch_truncation
 
   !> Points of a branch that are judged.
   integer, parameter :: max_judged = 5
   !> Part of a change to which it is found, to judge by it.
   real(wp), parameter :: judged = 0.1_wp
-  !> Orders are idle below this part of the tolerance: what is dropped here and missed for
-  !! the next value costs another solution.
-  real(wp), parameter :: idle = 0.1_wp
-  !> Additions that may fail to halve the estimate before it is taken for rounding.
-  integer, parameter, public :: max_vain = 2
 
   type :: torus_rung
     logical :: ready = .false.
@@ -326,16 +322,6 @@ contains
     outer_part = maxval(abs(whole(2*self%n_orders(max(0, bound - self%step)):, :))) &
                  /max(maxval(abs(whole)), tiny(1.0_wp))
   end function outer_part
-
-  !> Orders fall off geometrically: go on as far as that suggests, and a little more, at most
-  !! to twice as far.
-  pure integer function better_bound(bound, truncation, tolerance, step, last) result(next)
-    integer, intent(in) :: bound, step, last
-    real(wp), intent(in) :: truncation, tolerance
-    real(wp) :: fall
-    fall = log(tolerance)/log(max(min(truncation, 0.5_wp), tiny(1.0_wp)))
-    next = min(max(bound + step, ceiling(1.05_wp*bound*fall)), 2*bound + 1, last)
-  end function better_bound
 
   !> The lowest bound that would still do here: all that lies beyond is idle.
   pure integer function next_bound(self, bound, y, truncation, tolerance) result(next)
