@@ -12,8 +12,8 @@
 !! solution found at p = start.
 !! Stability is judged if n_judged is max_points, not 0.
 subroutine mount_branch(flat, n_flat, kind_x, data_x, n_x, kind_phi, data_phi, n_phi, orders, &
-                        series, n_rows, n_series, parameter, direction, n_direction, nu, curve_packed, &
-                        n_packed, harmonics, symmetric, max_points, &
+                        series, n_rows, n_series, parameter, direction, n_direction, nu, &
+                        curve_packed, n_packed, harmonics, symmetric, max_points, &
                         leave, begin, begin_p, along, n_unknowns, n_judged, n_kept, max_special, &
                         cancel, n_points, ended, n_used, p, iterations, error, kept, truncation, &
                         coefficients, is_stop, n_folds, &

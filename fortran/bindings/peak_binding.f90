@@ -7,8 +7,9 @@
 !! motion, the summit that the branch leads up to from it between low and high. With wide = 0
 !! only beside the largest motion. peak_x are the harmonics at a single motion's summit.
 subroutine mount_peak(flat, n_flat, kind_x, data_x, n_x, kind_phi, data_phi, n_phi, orders, &
-                      series, n_rows, n_series, parameter, direction, n_direction, nu, kept, n_kept, &
-                      keep_idle, tolerance, p, samples, n, dof, place, low, high, wide, cancel, &
+                      series, n_rows, n_series, parameter, direction, n_direction, nu, kept, &
+                      n_kept, keep_idle, tolerance, p, samples, n, dof, place, low, high, wide, &
+                      cancel, &
                       peak_p, peak_size, found, status)
   use, intrinsic :: iso_c_binding, only: c_double, c_double_complex, c_int
   use viscovib_binding_tools, only: make_load, make_system, report

@@ -16,7 +16,8 @@ module viscovib_law_parameters
 
   public :: read_parameters
 
-  character(len=*), parameter :: letters = 'abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ_', &
+  character(len=*), parameter :: letters = 'abcdefghijklmnopqrstuvwxyz' &
+                                           //'ABCDEFGHIJKLMNOPQRSTUVWXYZ_', &
                                  digits = '0123456789', &
                                  keys(4) = [character(len=5) :: 'law', 'law_x', 'law_y', 'law_z']
 
@@ -77,7 +78,8 @@ contains
     character(len=*), intent(in) :: name
     integer :: system, k
 
-    if (len(name) > longest .or. verify(name, letters//digits) > 0 .or. scan(name, digits) == 1) then
+    if (len(name) > longest .or. verify(name, letters//digits) > 0 &
+        .or. scan(name, digits) == 1) then
       call reader%complain(name, "'"//clipped(name)//"': must be a name of at most " &
                            //show(longest)//' letters, digits and _, not begun by a digit')
     else if (any(functions == name) .or. any(['d ', 'v ', 'pi'] == name)) then
