@@ -9,13 +9,18 @@
 !! orders left out tells how much of them was found: fixed-point iterations of factor
 !! rho fall short by 1/(1 - rho).
 !!
-!! Where a law has kinks or jumps, orders fall off as k^-p only, and those beyond the larger set
-!! count too. What an order changes falls off as k^-(p - 1), as a rate does, so that all of them
-!! make K/(p - 2) times the next one; p is measured. Several kinks make orders beat, sin(k a) k^-p:
-!! the next order is taken as no smaller than the largest of those kept lets expect.
+!! Where a law has kinks or jumps, orders fall off as k^-p only, and those beyond the larger set,
+!! K < k <= N, count too. A jump of the force gives p = 3, a corner 4, one of its slope 5; p is
+!! measured, and at least 3 or, without jumps, 4. As a sum of squares all orders left out are
+!! sqrt(1 + K/((2 p - 1) d)) times the largest, d apart. What order k changes in those kept goes as
+!! its rate times what the slope of the force has at k: as k^-q, q = p - 1 where the force jumps,
+!! q = p where its slope does, so that all of them make 1/(1 - (K/N)^(q - 1)) times what those up to
+!! N do. Several kinks make orders beat, sin(k a) k^-p: the next order is taken as no smaller than
+!! the largest of the last third of those kept lets expect.
 module viscovib_truncation
   use viscovib_dense, only: solve
   use viscovib_harmonic_balance, only: balance_type
+  use viscovib_jump_maps, only: may_jump
   use viscovib_kinds, only: wp
   use viscovib_motion_norm, only: newton_factors, weighted_norm
   use viscovib_oscillator, only: oscillator_type
@@ -26,12 +31,13 @@ module viscovib_truncation
 
   !> Largest factor between two turns that is believed.
   real(wp), parameter :: slowest = 0.9_wp
-  !> Powers with which harmonics fall off beside kinks: at least so much is assumed, and beyond so
-  !! much they fall off geometrically; and how uncertain it is.
-  real(wp), parameter :: slowest_fall = 2.5_wp, fastest_fall = 12.0_wp, safety = 2.0_wp
-  !> What a jump of the force makes, where orders are too few to measure it; and the most that is
-  !! made of orders that vanish between two beats.
-  real(wp), parameter :: unknown_fall = 3.0_wp, largest_beat = 100.0_wp
+  !> Powers with which harmonics fall off beside jumps and kinks of the force, at least; beyond so
+  !! much they fall off geometrically.
+  real(wp), parameter :: beside_jumps = 3.0_wp, beside_kinks = 4.0_wp, fastest_fall = 12.0_wp
+  !> How uncertain that is.
+  real(wp), parameter :: safety = 2.0_wp
+  !> The most that is made of orders that vanish between two beats.
+  real(wp), parameter :: largest_beat = 10.0_wp
   !> Most that orders beyond the larger set are believed to make where laws are smooth.
   real(wp), parameter :: largest_tail = 20.0_wp
   !> Orders that tell a fall.
@@ -78,7 +84,7 @@ contains
     !> Relative size of the orders left out, and by what factor this falls short of all.
     real(wp), intent(out) :: outside, short
     real(wp), dimension(size(change, 1), size(change, 2)) :: y, r
-    real(wp) :: norm, first, rest
+    real(wp) :: norm, first, rest, reach
     integer :: n
 
     n = size(x, 1)
@@ -97,16 +103,19 @@ contains
     short = 1.0_wp
     if (first > 0.0_wp) short = 1.0_wp/(1.0_wp - min(rest/first, slowest))
     if (probe%kinked) then
-      short = short*tail(system, x, probe%set%orders, first)
+      first = first*short
+      call kinked_tail(system, x, probe%set%orders, first, reach, short)
     else
       short = short*smooth_tail(system, x, probe%set%orders)
+      reach = short
     end if
     outside = 0.0_wp
-    if (norm > 0.0_wp) outside = first*short/norm
+    if (norm > 0.0_wp) outside = first*reach/norm
   end subroutine find_left_out
 
-  !> How many times the orders that were looked at all orders left out count, beside kinks.
-  pure real(wp) function tail(system, x, orders, first)
+  !> Beside kinks: how many times the orders that were looked at all orders left out are, and how
+  !! many times more than those they change.
+  pure subroutine kinked_tail(system, x, orders, first, reach, short)
     class(oscillator_type), intent(in) :: system
     !> Shape (2 n_orders, n_dof).
     real(wp), intent(in) :: x(:, :)
@@ -114,32 +123,41 @@ contains
     integer, intent(in) :: orders(:)
     !> Size of the orders left out that were looked at.
     real(wp), intent(in) :: first
-    real(wp) :: low, high, fall
+    real(wp), intent(out) :: reach
+    real(wp), intent(inout) :: short
+    real(wp) :: low, high, fall, power, apart, beat
     integer :: i, n
+    logical :: jumps
 
     n = size(x, 1)/2
-    tail = 1.0_wp
-    fall = unknown_fall
+    reach = 1.0_wp
+    jumps = may_jump(system)
+    fall = merge(beside_jumps, beside_kinks, jumps)
     if (n >= enough) then
       low = weighted_norm(system, x(2*(n/4) + 1:2*(n/2), :))
       high = weighted_norm(system, x(2*(n/2) + 1:, :))
       if (.not. high > 0.0_wp) return
       ! The largest of orders twice as far out.
-      fall = log(low/high)/log(2.0_wp)
+      fall = max(fall, log(low/high)/log(2.0_wp))
       if (fall > fastest_fall) return
-      fall = max(fall, slowest_fall)
     end if
-    tail = safety*orders(n)/((fall - 2.0_wp)*(orders(size(orders)) - orders(n)))
-    tail = max(tail, 1.0_wp)
+    apart = real(orders(size(orders)) - orders(n), wp)/(size(orders) - n)
+    reach = safety*sqrt(1.0_wp + orders(n)/((2.0_wp*fall - 1.0_wp)*apart))
+    power = merge(fall - 1.0_wp, fall, jumps)
+    ! Sliders of many limits fall off more slowly at first.
+    if (n < enough) power = beside_jumps - 1.0_wp
+    short = short*safety/(1.0_wp - (real(orders(n), wp)/orders(size(orders)))**(power - 1.0_wp))
     if (n < enough .or. .not. first > 0.0_wp) return
     ! Two kinks make orders beat: where the next ones vanish, those kept tell how large others are.
     high = 0.0_wp
-    do i = n/2 + 1, n
+    do i = (2*n)/3 + 1, n
       low = weighted_norm(system, x(2*i - 1:2*i, :))
       high = max(high, low*(real(orders(i), wp)/orders(n + 1))**fall)
     end do
-    tail = tail*max(1.0_wp, min(high/first, largest_beat))
-  end function tail
+    beat = max(1.0_wp, min(high/first, largest_beat))
+    reach = reach*beat
+    short = short*beat
+  end subroutine kinked_tail
 
   !> The same where laws are smooth: the orders fall off as q^k, and those beyond the larger set,
   !! of m more orders, add q^m/(1 - q^m) of those looked at. Where that is much, q itself is
