@@ -64,6 +64,8 @@ TWO = {"mass": [1, 1], "stiffness": [1, 1]}
         ),
         (TWO | {"forces": {"x1": "x3_dot^3"}}, "'x3_dot' is neither a variable (x1, x2, "),
         (TWO | {"forces": {"x1": "x1 x2"}}, "must be a polynomial such as 2*x^3"),
+        (TWO | {"forces": {"x1": "2*(x1 + x2"}}, "its end is found where ) should be"),
+        (TWO | {"forces": {"x1": "x1 + x2)"}}, "')' (character 8) is found where an operator"),
         (TWO | {"forces": {"x1": "x1^1.5"}}, "must be defined around rest"),
         (TWO | {"forces": {"x1": "x1^-1"}}, "must be defined around rest"),
         (TWO | {"forces": {"x1": "x1^x2"}}, "must be defined around rest"),

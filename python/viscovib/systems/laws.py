@@ -178,8 +178,10 @@ def read_law(
         except InputError as other:
             _complain_of_name(other, [*arguments, *rates], named=named)
             # Of a text with a function the other reader knows what is wrong.
-            told = re.search(r"[A-Za-z_]\w*\s*\(|[<>]", text) or any(
-                re.search(rf"\b{name}\b", text) for name in rates
+            told = (
+                re.search(r"[A-Za-z_]\w*\s*\(|[<>]", text)
+                or any(re.search(rf"\b{name}\b", text) for name in rates)
+                or text.count("(") != text.count(")")
             )
             raise (other if told else error) from None
         n = len(law.arguments)
