@@ -96,7 +96,10 @@ tables = [s.routh_hurwitz(i) for i in range(len(stable))]
             error = np.abs(true[:, 1] / 1j - x).max()
             estimate = names["estimate"][i].max()
             if error > 0.5 * np.abs(true).max() + 10 * estimate:
-                continue  # Newton's method went to another motion.
+                continue  # Newton's method went to another motion,
+            apart = np.abs(names["harmonics"] - true[:, 1] / 1j).max(axis=1)
+            if apart.argmin() != i:
+                continue  # one of those that are told too.
             solved += 1
             yield Claim(
                 "harmonics",
