@@ -1,6 +1,6 @@
 !> A body under finite rotations as one vector of numbers:
 !!
-!!   coordinates n, springs, kernels, whether loads turn with it (1); M (n^2); C (n^2); base
+!!   coordinates n, springs, kernels, whether loads turn with it (1); h (3); M (n^2); C (n^2); base
 !!   direction (n); of each spring: kernel (0: none), whether it holds rotations (1), direction (3),
 !!   arm (3), stiffness, damping, what it carries at rest, coordinate of its track (0: none), number
 !!   of coefficients of d^2, d^3, ... and these, number of laws that are no polynomials, and each
@@ -31,13 +31,13 @@ contains
     integer :: at, i, kind, n, n_data
 
     call set_ok(status)
-    if (size(vector) < 4) then
+    if (size(vector) < 7) then
       call fail(status, status_input_error, 'system', 'system: not a body')
       return
     end if
     n = nint(vector(1))
     allocate (springs(nint(vector(2))), kernels(nint(vector(3))))
-    at = 4
+    at = 7
     mass = reshape(next(n*n), [n, n])
     damping = reshape(next(n*n), [n, n])
     direction = next(n)
@@ -53,6 +53,7 @@ contains
     end do
     call new_turning_body(body, mass, damping, direction, springs, kernels)
     body%loads_turn = nint(vector(4)) == 1
+    body%spin_inside = vector(5:7)
 
   contains
 

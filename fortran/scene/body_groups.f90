@@ -133,10 +133,8 @@ contains
     end if
     if (.not. reader%status%failed()) call check_inertia(reader, body%inertia)
     if (any(abs(body%spin) > 0.0_wp) &
-        .and. (body%exact .or. any(abs(body%base_direction(4:6)) > 0.0_wp))) then
-      call reader%complain('spin', "spin: must be 0 with geometry = 'exact', and on a floor that " &
-                           //'turns: parts that spin inside are for small rotations about a ' &
-                           //'floor that does not')
+        .and. any(abs(body%base_direction(4:6)) > 0.0_wp)) then
+      call reader%complain('spin', 'spin: must be 0 on a floor that turns')
     end if
     if (.not. body%exact .or. reader%status%failed()) return
     if (any(abs(body%base_direction(4:6)) > 0.0_wp)) then

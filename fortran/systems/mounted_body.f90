@@ -26,7 +26,7 @@ module viscovib_mounted_body
   !> Springs are as they are written down: laws are whole, of d and its rate.
   type :: mounted_body
     real(wp) :: mass = 0.0_wp, inertia(3, 3) = 0.0_wp, gravity(3) = 0.0_wp
-    !> Angular momentum of parts that spin steadily inside (kg m^2/s), where rotations are small.
+    !> Angular momentum of parts that spin steadily inside, in axes of the body (kg m^2/s).
     real(wp) :: spin(3) = 0.0_wp
     !> Whether rotations are finite, and loads turn with the body.
     logical :: exact = .false., loads_turn = .false.
@@ -354,12 +354,7 @@ contains
     allocate (p%damping(n, n), p%stiffness(n, n, size(kernels) + 1), source=0.0_wp)
     p%spring_kernel = [(i, i=0, size(kernels))]
     allocate (p%laws(0))
-    ! A turn at the rate w turns h too, which takes the torque w x h = -h x w.
-    associate (h => self%spin)
-      p%damping(4:6, 4) = [0.0_wp, -h(3), h(2)]
-      p%damping(4:6, 5) = [h(3), 0.0_wp, -h(1)]
-      p%damping(4:6, 6) = [-h(2), h(1), 0.0_wp]
-    end associate
+    p%damping(4:6, 4:6) = gyroscopic(self%spin)
     do i = 1, size(self%track_damping)
       p%damping(6 + i, 6 + i) = self%track_damping(i)
     end do
@@ -380,6 +375,15 @@ contains
     call add_products(seen, rows, size(kernels), p)
     call new_polynomial(system, p, kernels, status)
   end subroutine build_small
+
+  !> A turn at the rate w turns h too, which takes the torque w x h = -h x w.
+  pure function gyroscopic(h) result(matrix)
+    real(wp), intent(in) :: h(3)
+    real(wp) :: matrix(3, 3)
+    matrix(:, 1) = [0.0_wp, -h(3), h(2)]
+    matrix(:, 2) = [h(3), 0.0_wp, -h(1)]
+    matrix(:, 3) = [-h(2), h(1), 0.0_wp]
+  end function gyroscopic
 
   !> Of a force F at a point p of the body, to second order in theta: the work is F . (theta x p +
   !! theta x (theta x p)/2).
@@ -445,6 +449,7 @@ contains
     mass(4:6, 4:6) = matmul(axes, matmul(self%inertia, transpose(axes)))
     mass = (mass + transpose(mass))/2.0_wp
     damping = 0.0_wp
+    damping(4:6, 4:6) = gyroscopic(matmul(axes, self%spin))
     do j = 1, size(self%track_damping)
       damping(6 + j, 6 + j) = self%track_damping(j)
     end do
@@ -466,6 +471,7 @@ contains
     end do
     call new_turning_body(system, mass, damping, self%base_direction, seen, kernels)
     system%loads_turn = self%loads_turn
+    system%spin_inside = matmul(axes, self%spin)
   end subroutine build_turning
 
 end module viscovib_mounted_body

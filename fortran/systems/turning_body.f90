@@ -5,10 +5,13 @@
 !! rotations by d = e . theta. With v_j = (1 - R_j*) [k_j d_j + g_j(d_j)], forces and moments
 !!
 !!   m x'' = f - sum_j e_j (v_j + c_j d_j'),
-!!   J omega' + omega x J omega = m_b - sum_j (p_j x R^T e_j) (v_j + c_j d_j') - sum_j T^-T e_j v_j,
+!!   J omega' + omega x (J omega + h) = m_b - sum_j (p_j x R^T e_j) (v_j + c_j d_j')
+!!                                           - sum_j T^-T e_j v_j,
 !!
-!! over points held and over rotations held. The second is solved for theta'' and multiplied by J,
-!! so that masses are constant, and what is left of it depends on rates and loads too:
+!! over points held and over rotations held, h the angular momentum of parts that spin steadily
+!! inside, constant in axes of the body (Goldstein, Classical Mechanics, 5.5). The second is solved
+!! for theta'' and multiplied by J, so that masses are constant, and what is left of it depends on
+!! rates and loads too:
 !!
 !!   M u'' + C u' + B v + r(u, u', v, load) = load.
 !!
@@ -52,6 +55,8 @@ module viscovib_turning_body
     type(body_spring), allocatable :: springs(:)
     !> Whether loads are given in the axes of the body, and turn with it.
     logical :: loads_turn = .false.
+    !> h (kg m^2/s); C holds what it does at small rates.
+    real(wp) :: spin_inside(3) = 0.0_wp
     real(wp) :: inertia(3, 3) = 0.0_wp
     real(wp), private :: inverse(3, 3) = 0.0_wp
     !> Whether a rotation and what is turned once more are the same to all springs.
@@ -323,7 +328,7 @@ contains
       moment = turn%spin(speed)
       speed = rate(i, 4:6)
       moment = matmul(self%inertia, moment + turn%spin_rate(speed)) &
-               + cross(omega, matmul(self%inertia, omega))
+               + cross(omega, matmul(self%inertia, omega) + self%spin_inside)
       do j = 1, size(self%springs)
         associate (spring => self%springs(j))
           pull = moment_of(spring, turn)
@@ -415,8 +420,8 @@ contains
         moment = moment + pull*resisted
       end associate
     end do
-    bent = matmul(self%inverse, moment - cross(omega, matmul(self%inertia, omega))) &
-           - turn%spin_rate(rate(4:6))
+    moment = moment - cross(omega, matmul(self%inertia, omega) + self%spin_inside)
+    bent = matmul(self%inverse, moment) - turn%spin_rate(rate(4:6))
     r(:3) = -force - matmul(self%damping(:3, :6), rate(:6))
     r(4:6) = load(4:6) - matmul(self%inertia, turn%unspin(bent)) &
              - matmul(self%damping(4:6, :6), rate(:6)) - matmul(self%spread(4:6, :), v)

@@ -121,8 +121,25 @@ def test_parts_that_spin(solve, tmp_path):
         done = solve(path, "--out", tmp_path / "none")
         assert done.returncode == 2
         assert told in done.stderr
-    path.write_text(scene.replace("spin", "geometry='exact' spin") + what)
-    assert "spin: must be 0 with geometry" in solve(path, "--out", tmp_path / "none").stderr
+    path.write_text(scene.replace("spin", "base_direction=0 0 0 1 0 0 spin") + what)
+    assert "spin: must be 0 on a floor" in solve(path, "--out", tmp_path / "none").stderr
+
+
+def test_a_rotor_in_a_body_that_turns_far(solve, tmp_path):
+    """About a position that its weight turned: the motion of Python's body, which is judged."""
+    text = (
+        "&body mass=3 inertia=1 2 2.6 geometry='exact' gravity=2 1 -9 spin=3 -5 4\n"
+        "  load_axes='space' /\n"
+        "&mount_point name='a' position=0.2 0.1 0.3 stiffness=90 80 70 damping=1 2 3 /\n"
+        "&mount_point name='b' position=-0.3 0.2 -0.1 stiffness=60 70 99 damping=1 1 2 /\n"
+        "&mount_point name='c' position=0.1 -0.3 0 stiffness=60 50 40 damping=2 1 3 /\n"
+        "&transient t_end=2 initial=0 0.3 0 0 0 0 0 2 0 1.2 0 -3 tolerance=1e-9 /\n"
+    )
+    result = run_both(solve, tmp_path, text, "transient")
+    initial = [0, 0.3, 0, 0, 0, 0, 0, 2, 0, 1.2, 0, -3]
+    run = vv.simulate(result.scene.body(), 2, initial=initial, dt="auto", tolerance=1e-9)
+    for d, name in enumerate(run.dof_names):
+        assert abs(run.state[-1, 2 * d] - result.value.columns[name][-1]) < 1e-8, name
 
 
 def test_a_tumble_by_the_driver(solve, tmp_path):

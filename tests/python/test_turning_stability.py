@@ -18,16 +18,27 @@ def unspun(theta):
     return np.eye(3) + s / 2 + share * s @ s
 
 
-@pytest.mark.parametrize(("damping", "least", "stable"), [(0.05, 1.5, False), (1.5, 0.5, True)])
-def test_verdict_is_that_of_the_monodromy(damping, least, stable):
+@pytest.mark.parametrize(
+    ("damping", "spin", "least", "stable"),
+    [
+        (0.05, (0, 0, 0), 1.5, False),
+        (1.5, (0, 0, 0), 0.5, True),
+        (0.2, (0.1, 0.2, -0.3), 2.0, False),
+        (0.4, (0.1, 0.2, -0.3), 2.0, True),
+    ],
+)
+def test_verdict_is_that_of_the_monodromy(damping, spin, least, stable):
     foot = vv.MountPoint(
         name="m", position=PLACE, stiffness=STIFFNESS, damping=damping,
         rotational_stiffness=TURNING,
     )  # fmt: skip
-    body = vv.Body(mass=1, inertia=INERTIA, mounts=[foot], geometry="exact", load_axes="space")
+    body = vv.Body(
+        mass=1, inertia=INERTIA, mounts=[foot], geometry="exact", load_axes="space",
+        spin=spin,
+    )  # fmt: skip
     nu, torque = 1.6, np.array([0.06, 0.6, 0.12])
     found = vv.forced_response(
-        body, [nu], load=[0, 0, 0, *torque], method="newton", harmonics=15, tolerance=1e-6,
+        body, [nu], load=[0, 0, 0, *torque], method="newton", harmonics=21, tolerance=1e-8,
         stability=True,
     )  # fmt: skip
 
@@ -37,7 +48,7 @@ def test_verdict_is_that_of_the_monodromy(damping, least, stable):
         pull = -STIFFNESS * (place + turn @ PLACE - PLACE)
         pull -= damping * (speed + turn @ np.cross(w, PLACE))
         moment = np.cross(PLACE, turn.T @ pull) - back.T @ (TURNING * theta)
-        moment += turn.T @ torque * np.sin(nu * t) - np.cross(w, INERTIA * w)
+        moment += turn.T @ torque * np.sin(nu * t) - np.cross(w, INERTIA * w + spin)
         return np.concatenate([speed, pull, back @ w, moment / INERTIA])
 
     def after(y):

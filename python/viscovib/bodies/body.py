@@ -95,8 +95,9 @@ class Body(LinearBody):
     spin : array_like, shape (3,), optional
         Angular momentum h (kg m^2/s) in body axes of parts that spin steadily inside, such as a
         flywheel; their mass and inertia belong to those of the body. It adds the gyroscopic torque
-        h x theta' to what turns the body, J theta'' - h x theta' = ... (Goldstein, Classical
-        Mechanics, 5.5, to first order). Its modes are complex: see `characteristic_roots`.
+        h x omega to what turns the body, J omega' + omega x (J omega + h) = ... (Goldstein,
+        Classical Mechanics, 5.5), J theta'' - h x theta' = ... where rotations are small. Its modes
+        are complex: see `characteristic_roots`.
 
     Warns
     -----
@@ -164,7 +165,7 @@ class Body(LinearBody):
         direction = None if base_direction is None else checked_direction(base_direction, n)
         self._check_geometry(direction)
         damping = np.array(springs.damping_matrix)
-        damping[3:6, 3:6] -= crossing(self.spin)
+        damping[3:6, 3:6] -= crossing(self._loaded_axes @ self.spin)
         names = (*NAMES, *(f"{mount.name}_y" for mount in self.mounts if mount.track))
         first, *others = spring_groups(springs, preload, names)
         super().__init__(
@@ -180,11 +181,8 @@ class Body(LinearBody):
         self._warn_of_instability()
 
     def _check_geometry(self, direction: FloatArray | None) -> None:
-        if self.spin.any() and (self._turns or (direction is not None and direction[3:6].any())):
-            raise InputError(
-                "spin: must be 0 with geometry = 'exact', and on a floor that turns: parts that "
-                "spin inside are for small rotations about a floor that does not"
-            )
+        if self.spin.any() and direction is not None and direction[3:6].any():
+            raise InputError("spin: must be 0 on a floor that turns")
         if self.geometry == "small":
             return
         for mount in self.mounts:
@@ -218,7 +216,8 @@ class Body(LinearBody):
     def _turning_vector(self) -> FloatArray:
         return turning_vector(
             self._mass_matrix, self._damping, self._base_direction, self._mount_springs,
-            self._active_kernels, loads_turn=self.load_axes == "body",
+            self._active_kernels, self._loaded_axes @ self.spin,
+            loads_turn=self.load_axes == "body",
         )  # fmt: skip
 
     @property
@@ -239,7 +238,7 @@ class Body(LinearBody):
     def angular_momentum(self, state: npt.ArrayLike) -> FloatArray:
         """About the centre of mass in axes of space (kg m^2/s), shape (..., 3).
 
-        R J omega at states (u_1, u_1', u_2, ...), shape (..., 2 n); J theta' + h + theta x h
+        R (J omega + h) at states (u_1, u_1', u_2, ...), shape (..., 2 n); J theta' + h + theta x h
         where rotations are small, h that of parts that spin.
         """
         states = self._states(state)
@@ -247,7 +246,7 @@ class Body(LinearBody):
         if not self._turns:
             turning = states[..., 7:12:2] @ inertia
             return np.asarray(turning + self.spin + np.cross(states[..., 6:12:2], self.spin))
-        return angular_momentum(inertia, states)
+        return angular_momentum(inertia, self._loaded_axes @ self.spin, states)
 
     def _states(self, state: npt.ArrayLike) -> FloatArray:
         states = _native.real_array("state", state)

@@ -27,6 +27,7 @@ def turning_vector(
     base_direction: FloatArray | None,
     springs: MountSprings,
     kernels: tuple[Kernel, ...],
+    spin_inside: FloatArray,
     *,
     loads_turn: bool,
 ) -> FloatArray:
@@ -34,7 +35,7 @@ def turning_vector(
     n = mass.shape[0]
     direction = np.zeros(n) if base_direction is None else base_direction
     parts: list[Any] = [
-        [n, len(springs.kernels), len(kernels), float(loads_turn)],
+        [n, len(springs.kernels), len(kernels), float(loads_turn)], spin_inside,
         mass.ravel(order="F"), damping.ravel(order="F"), direction,
     ]  # fmt: skip
     for j, (kernel, law) in enumerate(zip(springs.kernels, springs.laws, strict=True)):
@@ -217,7 +218,9 @@ def about_turned(springs: MountSprings, q: FloatArray, preload: FloatArray) -> M
     return replace(springs, rows=rows, arms=arms, preload=preload)
 
 
-def angular_momentum(inertia: FloatArray, states: FloatArray) -> FloatArray:
-    """About the centre of mass in axes of space, R J omega, shape (..., 3)."""
+def angular_momentum(
+    inertia: FloatArray, spin_inside: FloatArray, states: FloatArray
+) -> FloatArray:
+    """About the centre of mass in axes of space, R (J omega + h), shape (..., 3)."""
     theta, rate = states[..., 6:12:2], states[..., 7:12:2]
-    return turned(theta, spin(theta, rate) @ inertia)
+    return turned(theta, spin(theta, rate) @ inertia + spin_inside)
