@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import viscovib as vv
 from referee import coverage
+from referee.balance import growing
 from referee.case import Case, Claim
 from referee.session import Verdict, _watch
 from referee.worker import answer
@@ -98,3 +99,22 @@ def test_cases_are_the_same_whenever_they_are_drawn(family):
     for index in range(8):
         first, again = (draw(generator(5, family, index), index).call for _ in range(2))
         assert first == again
+
+
+def test_a_large_multiplier_hides_none_beside_one():
+    """Each is as certain as its own error says: that of 7e5 says nothing of 1.2 and 1.02."""
+    sizes = np.array([7e5, 1.2, 1.02, 0.9])
+    off = np.array([0.2, 1e-7, 1e-7, 1e-7])
+    right = growing(sizes[:3], sizes, off, 1e-5, 3e-9)
+    assert right.ratio() < 1 < right.damaged().ratio()
+    for wrong in (sizes[:2], sizes[:1], sizes[[0, 1, 2, 2]], np.zeros(0)):
+        assert growing(wrong, sizes, off, 1e-5, 3e-9).ratio() == np.inf
+    moved = growing(sizes[:3] + [0, 0.01, 0], sizes, off, 1e-5, 3e-9)
+    assert moved.ratio() > 1
+
+
+def test_a_multiplier_too_close_to_one_may_grow_or_not():
+    sizes, off = np.array([1.2, 1 + 1e-8, 0.9]), np.array([1e-9, 1e-8, 1e-9])
+    for got in (sizes[:1], sizes[:2]):
+        assert growing(got, sizes, off, 1e-5, 3e-9).ratio() < 1
+    assert growing(sizes[2:], sizes[2:], off[2:], 1e-5, 3e-9) is None

@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 
+from referee.case import Claim
 from referee.models import Array, Model
 
 
@@ -191,8 +192,8 @@ def exponential(m: Array) -> Array:
     return out
 
 
-def multipliers(model: Model, coefficients: Array, nu: float, n: int = 256) -> tuple[Array, float]:
-    """Floquet multipliers of a motion X_k, k = 0, 1, ..., largest first, and their uncertainty.
+def multipliers(model: Model, coefficients: Array, nu: float, n: int = 256) -> tuple[Array, Array]:
+    """Floquet multipliers of a motion X_k, k = 0, 1, ..., largest first, and what each is off by.
 
     Memory must be sums of exponentials.
     """
@@ -202,10 +203,36 @@ def multipliers(model: Model, coefficients: Array, nu: float, n: int = 256) -> t
         u = (np.exp(1j * nu * np.outer(t, k)) @ coefficients.T).imag
         return model.linearised(u)
 
-    period = 2 * np.pi / nu
+    return multipliers_of(matrices, 2 * np.pi / nu, n)
+
+
+def multipliers_of(matrices: Any, period: float, n: int) -> tuple[Array, Array]:
+    """Floquet multipliers of x' = A(t) x, largest first, and what the size of each is off by.
+
+    Each error is its own: where one multiplier is 1e6, what that one is off by would hide those
+    beside 1. Only rounding, here of the largest, is common to all.
+    """
     found = []
     for count in (n, 2 * n):
         values = np.linalg.eigvals(magnus(matrices, period, count))
         found.append(values[np.argsort(-np.abs(values))])
-    off = abs(np.abs(found[0][0]) - np.abs(found[1][0]))
-    return found[1], float(off) + 1e-12
+    sizes = np.abs(found[1])
+    return found[1], np.abs(np.abs(found[0]) - sizes) + 1e-12 * max(1.0, float(sizes[0]))
+
+
+def growing(got: Array, sizes: Array, off: Array, share: float, close: float) -> Claim | None:
+    """Claim that all growing multipliers were found, and no others; None if none grows.
+
+    ``got``: the sizes found; ``sizes``, largest first, with the errors ``off``: those of the
+    reference. As many must have been found as surely grow, at most as many as may grow.
+    """
+    found = np.sort(got[got > 1 + close])[::-1]
+    surely = sizes > 1 + close + 10 * off
+    may = sizes > 1 - close - 10 * off
+    n = found.size if surely.sum() <= found.size <= may.sum() else int(surely.sum())
+    if not (n or found.size):
+        return None
+    true = sizes[:n]
+    return Claim(
+        "growing multipliers", found, true, share * true + 10 * off[:n], damage=100 * share
+    )

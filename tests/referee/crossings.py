@@ -98,7 +98,7 @@ refined = {refined if memory is None or index % 12 == 2 else None}
             if memory is None:
                 got = np.sort(np.abs(branch.multipliers[i]))[::-1]
                 yield Claim(
-                    "multipliers", got[0], sizes[0], 1e-7 * sizes[0] + 10 * off, damage=1e-4
+                    "multipliers", got[0], sizes[0], 1e-7 * sizes[0] + 10 * off[0], damage=1e-4
                 )
         yield from told_by_crossings(branch)
         refined = names["refined"]
@@ -128,7 +128,7 @@ refined = {refined if memory is None or index % 12 == 2 else None}
             nu = c.parameter if branch.varies == "nu" else branch.nu[0]
             whole = np.zeros((model.n, int(orders.max()) + 1), complex)
             whole[:, orders] = c.coefficients
-            mu, off = multipliers(model, whole, nu, 192)
+            mu, _ = multipliers(model, whole, nu, 192)
             target = {"period doubling": -1.0}.get(c.kind, 1.0)
             if c.kind == "Neimark-Sacker":
                 away = np.abs(np.abs(mu) - 1)[np.abs(mu.imag) > 1e-6]

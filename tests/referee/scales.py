@@ -111,7 +111,7 @@ tables = [s.routh_hurwitz(i) for i in range(len(stable))]
             )
             mu, off = multipliers(model, true, nu, 128)
             growth = float(np.log(np.abs(mu[0])) * nu / (2 * np.pi))
-            if names["decided"][i] and abs(growth) > 1e-4 + off:
+            if names["decided"][i] and abs(growth) > 1e-4 + off[0]:
                 yield Claim("stable", bool(names["stable"][i]), bool(growth < 0))
 
     return Case(call, judge, may_refuse=True)

@@ -5,7 +5,7 @@ from math import gamma
 
 import numpy as np
 
-from referee.balance import multipliers
+from referee.balance import growing, multipliers
 from referee.case import Case, Claim, even, few
 from referee.hidden import hidden
 from referee.models import chain, mount, prony, rzhanitsyn, some_prony, spread
@@ -80,7 +80,7 @@ branch = vv.trace_response(system, ({0.6 * w:.4g}, {1.8 * w:.4g}), load={load}, 
             x[:, branch.harmonics] = branch.coefficients[i]
             mu, off = multipliers(replace(model, groups=groups), x, nu, 32)
             size = abs(mu[0])
-            near = 1e-4 + 10 * off + 10 * off_by.max()
+            near = 1e-4 + 10 * off[0] + 10 * off_by.max()
             if abs(size - 1) < near:
                 continue
             yield Claim(
@@ -124,7 +124,7 @@ slowest = r.slowest[0]
             return
         own, off = multipliers(model, true, nu)
         own_sizes = np.abs(own)
-        if abs(own_sizes[0] - 1) < 10 * off + CLOSE:
+        if abs(own_sizes[0] - 1) < 10 * off[0] + CLOSE:
             return
         if names["stable"] is None:
             yield Claim("unknown stability is told", any("Stability" in t for t in told), True)
@@ -133,19 +133,18 @@ slowest = r.slowest[0]
         got = np.asarray(names["multipliers"])
         got = np.abs(got[np.isfinite(got)])
         if not remembers:
-            size_of = 1e-8 * own_sizes[0] + 10 * off
+            size_of = 1e-8 * own_sizes[0] + 10 * off[0]
             yield Claim(
                 "largest multiplier", got.max(initial=0.0), own_sizes[0], size_of, damage=1e-5
             )
         else:
-            grown = own_sizes[own_sizes > 1 + CLOSE + 10 * off]
-            found = np.sort(got[got > 1 + CLOSE])[::-1]
             if got.size and names["slowest"]:
                 yield Claim(
-                    "slowest multiplier", got.max(), own_sizes[0], 1e-5 * own_sizes[0] + 10 * off,
-                    damage=1e-3,
+                    "slowest multiplier", got.max(), own_sizes[0],
+                    1e-5 * own_sizes[0] + 10 * off[0], damage=1e-3,
                 )  # fmt: skip
-            if got.size and grown.size:
-                yield Claim("growing multipliers", found, grown, 1e-6 * grown[0], damage=1e-4)
+            grown = growing(got, own_sizes, off, 1e-6, CLOSE) if got.size else None
+            if grown is not None:
+                yield grown
 
     return Case(call, judge)

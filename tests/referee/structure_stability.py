@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from referee.balance import magnus
+from referee.balance import growing, multipliers_of
 from referee.case import Case, Claim, few, numbers
 from referee.models import some_prony
 
@@ -115,18 +115,14 @@ class _Draft:
 
 
 def _multipliers(draft, x, orders, nu):
-    """Largest first, and what their sizes are uncertain by."""
+    """Largest first, and what the size of each is off by."""
     period = 2 * np.pi / nu
 
     def matrices(t):
         return draft.matrices((np.exp(1j * nu * np.outer(t, orders)) @ x.T).imag)
 
     n = int(max(96, np.ceil(3 * draft.frequencies.max() * period)))
-    found = []
-    for count in (n, 2 * n):
-        values = np.linalg.eigvals(magnus(matrices, period, count))
-        found.append(values[np.argsort(-np.abs(values))])
-    return found[1], float(abs(abs(found[0][0]) - abs(found[1][0]))) + 1e-12
+    return multipliers_of(matrices, period, n)
 
 
 def case(rng, index):
@@ -148,9 +144,9 @@ r = vv.forced_response(system, {sorted(set(nu))}, load={{"x{int(rng.integers(n))
         for i in np.flatnonzero(r.converged & (r.truncation < 1e-9)):
             own, off = _multipliers(draft, r.coefficients[i], r.harmonics, r.nu[i])
             sizes = np.abs(own)
-            # Other orders would move them by about as much.
-            off += 1e3 * r.truncation[i] * sizes[0]
-            if abs(sizes[0] - 1) < 10 * off + CLOSE:
+            # Other orders would move each by about as much of it.
+            off = off + 1e3 * r.truncation[i] * sizes
+            if abs(sizes[0] - 1) < 10 * off[0] + CLOSE:
                 continue
             if r.stable[i] is None:
                 yield Claim("unknown stability is told", any("Stability" in t for t in told), True)
@@ -160,13 +156,11 @@ r = vv.forced_response(system, {sorted(set(nu))}, load={{"x{int(rng.integers(n))
             got = got[np.isfinite(got)]
             if got.size and r.slowest[i]:
                 yield Claim(
-                    "slowest multiplier", got.max(), sizes[0], 1e-5 * sizes[0] + 10 * off,
+                    "slowest multiplier", got.max(), sizes[0], 1e-5 * sizes[0] + 10 * off[0],
                     damage=1e-3,
                 )  # fmt: skip
-            grown = sizes[sizes > 1 + CLOSE + 10 * off]
-            found = np.sort(got[got > 1 + CLOSE])[::-1]
-            if r.slowest[i] and grown.size and found.size:
-                yield Claim("growing multipliers", found, grown, 1e-5 * grown[0] + 10 * off,
-                            damage=1e-3)  # fmt: skip
+            grown = growing(got, sizes, off, 1e-5, CLOSE) if r.slowest[i] and got.size else None
+            if grown is not None:
+                yield grown
 
     return Case(call, judge)
