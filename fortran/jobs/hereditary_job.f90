@@ -15,11 +15,12 @@ module viscovib_hereditary_job
   use viscovib_plan_text, only: tell_idle, tell_zeros
   use viscovib_polynomial, only: polynomial_type
   use viscovib_reduction, only: moved_coordinates, reduce, state_mask
-  use viscovib_simulate, only: run_coarse, run_diverged
+  use viscovib_simulate, only: run_coarse, run_diverged, run_event
   use viscovib_status, only: fail, set_ok, show, status_input_error, status_type, things
   use viscovib_time_load, only: time_load_type
   use viscovib_transient_job, only: make_runs, plan_steps, run_maker, trajectory_type, &
     transient_job
+  use viscovib_watch, only: new_watch
   implicit none
   private
 
@@ -122,14 +123,15 @@ contains
     if (.not. status%failed()) call trajectory%spread_out(moved)
   end subroutine run_hereditary_job
 
-  !> Coordinates that the load, the start or the past moves.
+  !> Coordinates that the load, the start or the past moves; of a watched motion all are computed.
   pure function driven(job, system, load)
     type(hereditary_job), intent(in) :: job
     class(oscillator_type), intent(in) :: system
     type(load_type), intent(in) :: load
     logical :: driven(size(job%held))
     driven = load%drives(system) .or. abs(job%held) > 0.0_wp &
-             .or. abs(job%initial(1::2)) > 0.0_wp .or. abs(job%initial(2::2)) > 0.0_wp
+             .or. abs(job%initial(1::2)) > 0.0_wp .or. abs(job%initial(2::2)) > 0.0_wp &
+             .or. allocated(job%watched)
   end function driven
 
   !> The same with all coordinates.
@@ -201,6 +203,10 @@ contains
     if (counting) call count_up(counted_runs, 1)
     every = int(job%save_every, i8)*thinning
     trajectory%h = job%t_end/real(n, wp)
+    if (allocated(job%watched)) then
+      allocate (trajectory%watch)
+      call new_watch(trajectory%watch, job%watched)
+    end if
     allocate (states(size(self%first), merge(0_i8, n/every, job%last_only)))
     do i = 1, 2
       base = self%base
@@ -215,11 +221,12 @@ contains
       end if
       call run_hereditary(run, self%system, self%load, base, 0_i8, n, every, no_times, states, &
                           no_states, trajectory%n_steps, reached, trajectory%t_reached, &
-                          trajectory%outcome)
+                          trajectory%outcome, watch=trajectory%watch)
       if (trajectory%outcome /= run_diverged .and. trajectory%outcome /= run_coarse) exit
       if (allocated(shortest) .or. size(self%system%kernels) == 0) exit
       ! Where it stops is seen by steps that the exponentials were not fitted for.
       shortest = scale(trajectory%h, -14)
+      if (allocated(job%watched)) call new_watch(trajectory%watch, job%watched)
     end do
     if (job%last_only) then
       trajectory%t = [trajectory%t_reached]
@@ -230,6 +237,7 @@ contains
       call base%add_to(trajectory%t_reached, u, v)
       trajectory%states(1::2, 1) = u
       trajectory%states(2::2, 1) = v
+      if (trajectory%outcome == run_event) trajectory%states(:, 1) = trajectory%watch%last_state()
       return
     end if
     kept = trajectory%n_steps/every

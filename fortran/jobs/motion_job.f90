@@ -16,17 +16,18 @@ module viscovib_motion_job
   use viscovib_polar, only: argument, modulus
   use viscovib_polynomial_job, only: plan_polynomial, run_polynomial_job
   use viscovib_polynomial_motion, only: new_polynomial_motion, polynomial_motion_type
-  use viscovib_simulate, only: run_completed, run_names
+  use viscovib_simulate, only: run_completed, run_event, run_names
   use viscovib_status, only: set_ok, show, status_type, things
   use viscovib_structure_job, only: plan_structure, run_structure_job
   use viscovib_subject, only: subject_type
   use viscovib_table, only: listed_units, table_type
   use viscovib_transient_job, only: trajectory_type, transient_job
+  use viscovib_watch, only: coordinates_read
   use viscovib_windows, only: window_hann, window_names
   implicit none
   private
 
-  public :: motion_job, spectrum_job
+  public :: motion_job, spectrum_job, told_event
 
   !> What &spectrum asks for.
   type :: spectrum_job
@@ -39,12 +40,19 @@ module viscovib_motion_job
     integer, allocatable :: transformed(:)
   end type spectrum_job
 
+  !> An event: its function, and "up", "down" or "any", and "terminal" if the run ends there.
+  type :: told_event
+    character(len=:), allocatable :: text
+  end type told_event
+
   type, extends(job_type) :: motion_job
     !> Of a system with memory a `hereditary_job`.
     class(transient_job), allocatable :: motion
     !> Frequency of the load of a system without memory (rad/s).
     real(wp) :: nu = 0.0_wp
     type(spectrum_job) :: spectrum
+    !> Events as they were written, a line each; not allocated: none.
+    type(told_event), allocatable :: events(:)
   contains
     procedure, nopass :: kind => this_kind
     procedure :: plan => plan_motion
@@ -83,6 +91,8 @@ contains
       end select
     end associate
     text = text//plan_unwanted('columns', subject, self%wanted)
+    if (allocated(self%events)) text = text//'computes: passages of ' &
+                                       //things(size(self%events), 'event')//new_line('a')
     if (.not. self%spectrum%wanted) then
       text = text//'skips: Fourier transforms (no spectrum asked for)'//new_line('a')
       return
@@ -118,7 +128,9 @@ contains
       if (status%failed()) return
     end if
     call put_motion(self, subject, trajectory, method, sink, status)
-    report%complete = trajectory%outcome == run_completed .and. kept >= 2
+    if (status%failed()) return
+    if (allocated(self%events)) call put_events(self, subject, trajectory, sink, status)
+    report%complete = any(trajectory%outcome == [run_completed, run_event]) .and. kept >= 2
     report%summary = trim(run_names(trajectory%outcome))//' at t = '//show(trajectory%t_reached) &
                      //', '//things(size(trajectory%t), 'state')
     if (trajectory%error >= 0.0_wp) report%summary = report%summary//', estimated error ' &
@@ -165,18 +177,29 @@ contains
     end associate
   end subroutine move
 
-  !> Coordinates that tables hold, and spectra.
+  !> Coordinates that tables hold, and spectra, and that events read.
   pure function places(self)
     class(motion_job), intent(in) :: self
     integer, allocatable :: places(:)
     integer :: i
     places = self%wanted
-    if (.not. self%spectrum%wanted) return
-    do i = 1, size(self%spectrum%transformed)
-      if (any(places == self%spectrum%transformed(i))) cycle
-      places = [places, self%spectrum%transformed(i)]
-    end do
+    if (self%spectrum%wanted) places = union(places, self%spectrum%transformed)
+    if (.not. allocated(self%motion%watched)) return
+    associate (n => size(self%motion%initial)/2)
+      places = union(places, pack([(i, i=1, n)], coordinates_read(self%motion%watched, n)))
+    end associate
   end function places
+
+  !> Places, and others that are not among them.
+  pure function union(places, others)
+    integer, intent(in) :: places(:), others(:)
+    integer, allocatable :: union(:)
+    integer :: i
+    union = places
+    do i = 1, size(others)
+      if (.not. any(union == others(i))) union = [union, others(i)]
+    end do
+  end function union
 
   !> Fastest natural frequency of a mount, or an upper bound of the rates of a polynomial
   !! system.
@@ -228,9 +251,7 @@ contains
     if (counting) call count_up(counted_columns, size(self%wanted))
     call table%note('method '//method//', step '//trim(exact(trajectory%h))//', ' &
                     //trim(run_names(trajectory%outcome)))
-    call table%note(trim(merge('dimensionless: t in 1/omega_1', 'units: t in s                ', &
-                               subject%is_pendulum))//', ' &
-                    //listed_units(subject%coordinates(self%wanted), subject%units(self%wanted)))
+    call table%note(units_of(self, subject))
     call table%add_reals('t', trajectory%t)
     do i = 1, size(self%wanted)
       name = trim(subject%coordinates(self%wanted(i)))
@@ -240,6 +261,53 @@ contains
     end do
     call sink%put(this_kind(), table, status)
   end subroutine put_motion
+
+  !> A row a passage, those of the first event first.
+  subroutine put_events(self, subject, trajectory, sink, status)
+    class(motion_job), intent(in) :: self
+    type(subject_type), intent(in) :: subject
+    type(trajectory_type), intent(in) :: trajectory
+    class(table_sink), intent(inout) :: sink
+    type(status_type), intent(out) :: status
+    type(table_type) :: table
+    character(len=:), allocatable :: name
+    integer, allocatable :: order(:)
+    integer :: i, j, row
+
+    allocate (order(0))
+    associate (watch => trajectory%watch)
+      do i = 1, size(self%events)
+        call table%note('event '//show(i)//': '//self%events(i)%text//', ' &
+                        //things(watch%count_of(i), 'passage'))
+        order = [order, pack([(j, j=1, watch%n_found)], watch%which(:watch%n_found) == i)]
+      end do
+      call table%note(units_of(self, subject))
+      call table%hold_integers('event', watch%which(order))
+      call table%hold_reals('t', watch%times(order))
+      do i = 1, size(self%wanted)
+        name = trim(subject%coordinates(self%wanted(i)))
+        row = trajectory%row_of(self%wanted(i))
+        if (watch%n_found == 0) then
+          call table%hold_reals(name, [real(wp) ::])
+          call table%hold_reals(name//'_dot', [real(wp) ::])
+          cycle
+        end if
+        call table%hold_reals(name, watch%states(row, order))
+        call table%hold_reals(name//'_dot', watch%states(row + 1, order))
+      end do
+    end associate
+    call sink%put('event', table, status)
+  end subroutine put_events
+
+  !> The line about units of the columns of a motion.
+  function units_of(self, subject) result(text)
+    class(motion_job), intent(in) :: self
+    type(subject_type), intent(in) :: subject
+    character(len=:), allocatable :: text
+    text = trim(merge('dimensionless: t in 1/omega_1', 'units: t in s                ', &
+                      subject%is_pendulum))//', ' &
+           //listed_units(subject%coordinates(self%wanted), subject%units(self%wanted))
+  end function units_of
 
   !> A row a frequency, of the last `kept` states.
   subroutine put_spectrum(self, subject, trajectory, kept, sink, status)

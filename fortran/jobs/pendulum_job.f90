@@ -26,7 +26,7 @@ contains
     type(transient_job) :: part_job
     type(spring_type) :: spring
 
-    if (swings(pendulum, job%initial)) then
+    if (swings(pendulum, job%initial) .or. allocated(job%watched)) then
       call run_transient(job, pendulum, fastest, trajectory, status)
       return
     end if
@@ -43,7 +43,8 @@ contains
     type(pendulum_type), intent(in) :: pendulum
     character(len=:), allocatable :: text
     text = plan_transient(job)
-    if (.not. swings(pendulum, job%initial)) text = text//tell_idle(spring_only)
+    if (swings(pendulum, job%initial) .or. allocated(job%watched)) return
+    text = text//tell_idle(spring_only)
   end function plan_pendulum
 
 end module viscovib_pendulum_job

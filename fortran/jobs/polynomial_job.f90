@@ -43,14 +43,14 @@ contains
     if (.not. status%failed()) call trajectory%spread_out(moved)
   end subroutine run_polynomial_job
 
-  !> Coordinates that the load or the start moves.
+  !> Coordinates that the load or the start moves; of a watched motion all are computed.
   pure function driven(job, system, load)
     type(transient_job), intent(in) :: job
     type(polynomial_type), intent(in) :: system
     type(load_type), intent(in) :: load
     logical :: driven(size(job%initial)/2)
     driven = load%drives(system) .or. abs(job%initial(1::2)) > 0.0_wp &
-             .or. abs(job%initial(2::2)) > 0.0_wp
+             .or. abs(job%initial(2::2)) > 0.0_wp .or. allocated(job%watched)
   end function driven
 
   !> The same with all coordinates.

@@ -14,6 +14,7 @@ module viscovib_structure_job
   use viscovib_structure_march, only: new_structure_march, structure_march_type
   use viscovib_structure_model, only: structure_model
   use viscovib_transient_job, only: plan_steps, trajectory_type
+  use viscovib_watch, only: renumbered
   implicit none
   private
 
@@ -44,6 +45,7 @@ contains
     type(trajectory_type), intent(out) :: trajectory
     type(status_type), intent(out) :: status
     type(structure_runs) :: maker
+    type(hereditary_job) :: own
     integer :: i, n
 
     maker%system => system%polynomial_type
@@ -61,7 +63,11 @@ contains
     call set_start(maker, job, model)
     n = size(places)
     maker%first = [(job%initial(2*places(i) - 1:2*places(i)), i=1, n)]
-    call make_hereditary(maker, job, first_steps(maker, job), trajectory, status)
+    own = job
+    if (allocated(job%watched)) then
+      own%watched = renumbered(job%watched, size(model%base_direction), places)
+    end if
+    call make_hereditary(maker, own, first_steps(maker, job), trajectory, status)
     trajectory%places = places
   end subroutine run_structure_job
 

@@ -12,6 +12,7 @@ module viscovib_transient_job
     simulate
   use viscovib_status, only: fail, set_ok, show, status_input_error, status_type
   use viscovib_stepper, only: stepper_type
+  use viscovib_watch, only: new_watch, watch_type
   implicit none
   private
 
@@ -56,6 +57,8 @@ module viscovib_transient_job
     !> Wanted error relative to the largest value of each coordinate and velocity, on top
     !! of `tolerance`, which may be 0 then.
     real(wp) :: relative = 0.0_wp
+    !> Events to look for, as `new_watch` takes them; not allocated: none.
+    real(wp), allocatable :: watched(:)
   contains
     procedure :: allowed
     procedure :: solved
@@ -72,6 +75,8 @@ module viscovib_transient_job
     !! step was given.
     real(wp) :: error = -1.0_wp
     integer(i8) :: n_steps = 0
+    !> Events that were found, if any were looked for; states are of the coordinates kept.
+    type(watch_type), allocatable :: watch
   contains
     procedure :: spread_out
     procedure :: row_of
@@ -406,6 +411,10 @@ contains
     integer(i8) :: every, kept, i
     integer :: n_reached
 
+    if (allocated(job%watched)) then
+      allocate (trajectory%watch)
+      call new_watch(trajectory%watch, job%watched)
+    end if
     if (counting) call count_up(counted_runs, 1)
     every = int(job%save_every, i8)*thinning
     trajectory%h = job%t_end/real(n, wp)
@@ -414,7 +423,8 @@ contains
                      0.0_wp, trajectory%h, job%solved())
     allocate (states(size(job%initial), merge(0_i8, n/every, job%last_only)))
     call simulate(stepper, self%system, 0_i8, n, every, no_times, states, no_states, &
-                  trajectory%n_steps, n_reached, trajectory%t_reached, trajectory%outcome)
+                  trajectory%n_steps, n_reached, trajectory%t_reached, trajectory%outcome, &
+                  watch=trajectory%watch)
     if (job%last_only) then
       trajectory%t = [trajectory%t_reached]
       allocate (trajectory%states(size(job%initial), 1))

@@ -5,6 +5,7 @@ module viscovib_body_groups
   use viscovib_growing_text, only: growing_text
   use viscovib_kernel_groups, only: read_system_kernels
   use viscovib_kinds, only: wp
+  use viscovib_law_faults, only: complain_of_law
   use viscovib_law_program, only: put_argument
   use viscovib_law_term, only: law_term
   use viscovib_law_text, only: compile_law
@@ -328,19 +329,18 @@ contains
                        law%degree, other)
       if (other /= '') then
         if (scan(text, '(<>vV') > 0) fault = other
-        call reader%complain(key, key//" = '"//clipped(text)//"': "//fault)
+        call complain_of_law(reader, key, text, fault, ['d', 'v'])
         return
       end if
       if (exact .and. any(law%program%code == put_argument &
                             .and. nint(law%program%number) == 2)) then
-        call reader%complain(key, key//" = '"//clipped(text)//"': must not depend on the rate v " &
-                             //"with geometry = 'exact'")
+        call complain_of_law(reader, key, text, 'must not depend on the rate v with geometry = ' &
+                             //"'exact'")
         return
       end if
       call law%program%evaluate(reshape([0.0_wp, 0.0_wp], [1, 2]), value)
       if (abs(value(1)) > 0.0_wp) then
-        call reader%complain(key, key//" = '"//clipped(text)//"': is "//show(value(1)) &
-                             //' at d = 0, must be 0')
+        call complain_of_law(reader, key, text, 'is '//show(value(1))//' at d = 0, must be 0')
         return
       end if
       spring%laws = [law]
@@ -350,7 +350,7 @@ contains
     do i = 1, size(terms%coefficients)
       power = terms%powers(1, i)
       if (power < 1 .or. power > max_degree) then
-        call reader%complain(key, key//" = '"//clipped(text)//"': has the power "//show(power) &
+        call complain_of_law(reader, key, text, 'has the power '//show(power) &
                              //', must be 1 to '//show(max_degree))
         return
       end if
@@ -361,7 +361,7 @@ contains
     if (power < 2) return
     spring%coefficient = powers(2:power)
     if (.not. exact .and. 6*n_products(6, power) > max_products) then
-      call reader%complain(key, key//" = '"//clipped(text)//"': has the power "//show(power) &
+      call complain_of_law(reader, key, text, 'has the power '//show(power) &
                            //", too many products of six coordinates, must be at most 8 with " &
                            //"geometry = 'small'")
     end if

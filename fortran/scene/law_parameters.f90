@@ -5,12 +5,13 @@
 module viscovib_law_parameters
   use viscovib_group_reader, only: group_reader
   use viscovib_growing_text, only: growing_text
+  use viscovib_kinds, only: wp
   use viscovib_law_functions, only: functions
   use viscovib_namelist, only: entry_type, lower, namelist_type
   use viscovib_near_words, only: longest
   use viscovib_number_text, only: exact
   use viscovib_scene_groups, only: place_of
-  use viscovib_status, only: clipped, fail, show, status_input_error, status_type
+  use viscovib_status, only: clipped, show, status_type
   implicit none
   private
 
@@ -19,7 +20,8 @@ module viscovib_law_parameters
   character(len=*), parameter :: letters = 'abcdefghijklmnopqrstuvwxyz' &
                                            //'ABCDEFGHIJKLMNOPQRSTUVWXYZ_', &
                                  digits = '0123456789', &
-                                 keys(4) = [character(len=5) :: 'law', 'law_x', 'law_y', 'law_z']
+                                 keys(5) = [character(len=8) :: 'law', 'law_x', 'law_y', 'law_z', &
+                                                             'function']
 
   type :: parameter_type
     character(len=longest) :: name = ''
@@ -30,32 +32,40 @@ module viscovib_law_parameters
 contains
 
   !> Read the group, if there is one, and put its numbers into the laws of all groups.
-  subroutine read_parameters(file, echo, status)
+  subroutine read_parameters(file, unused, echo, status)
     type(namelist_type), intent(inout) :: file
+    !> What is wrong with the first that is in no law, empty if all are in one: told last, since a
+    !! name in a law may be the one that is misspelt.
+    character(len=:), allocatable, intent(out) :: unused
     !> Gets the canonical text of the group added.
     type(growing_text), intent(inout) :: echo
     type(status_type), intent(out) :: status
     type(parameter_type), allocatable :: known(:)
     type(group_reader) :: reader
+    real(wp), allocatable :: values(:)
     integer :: i, j, at
 
+    unused = ''
     at = place_of(file, 'parameters')
     if (at > size(file%groups)) return
     call reader%start(file%path, file%groups(at))
-    allocate (known(file%groups(at)%n_entries))
+    allocate (known(file%groups(at)%n_entries), values(file%groups(at)%n_entries))
     do i = 1, size(known)
       associate (name => file%groups(at)%entries(i)%key)
         call check_name(reader, file, name)
         if (reader%status%failed()) exit
         known(i)%name = name
-        known(i)%number = '('//trim(exact(reader%read_real(name)))//')'
+        values(i) = reader%read_real(name)
+        known(i)%number = '('//trim(exact(values(i)))//')'
       end associate
     end do
     call reader%close(echo, status)
     if (status%failed()) return
     do i = 1, size(file%groups)
-      if (.not. any([character(len=11) :: 'force', 'element', 'mount_point'] &
+      if (.not. any([character(len=11) :: 'force', 'element', 'mount_point', 'event'] &
                     == file%groups(i)%name)) cycle
+      file%groups(i)%names = known%name
+      file%groups(i)%values = values
       do j = 1, file%groups(i)%n_entries
         associate (entry => file%groups(i)%entries(j))
           if (any(keys == entry%key) .and. entry%n_values == 1) call put_numbers(entry, known)
@@ -64,9 +74,8 @@ contains
     end do
     do i = 1, size(known)
       if (known(i)%used) cycle
-      call fail(status, status_input_error, trim(known(i)%name), file%path//':' &
-                //show(file%groups(at)%line_of(trim(known(i)%name)))//': ' &
-                //trim(known(i)%name)//': is in no law, must be in one')
+      unused = file%path//':'//show(file%groups(at)%line_of(trim(known(i)%name)))//': ' &
+               //trim(known(i)%name)//': is in no law, must be in one'
       return
     end do
   end subroutine read_parameters

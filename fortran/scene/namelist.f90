@@ -9,6 +9,8 @@
 !! Time and memory grow with the length of the text alone: lists double, repeats
 !! are kept as such, and what no scene needs is refused with a line.
 module viscovib_namelist
+  use viscovib_kinds, only: wp
+  use viscovib_near_words, only: longest
   use viscovib_number_text, only: parse_integer
   use viscovib_status, only: clipped, fail, show, status_input_error, status_type
   use viscovib_text_file, only: read_text_file
@@ -42,6 +44,9 @@ module viscovib_namelist
     integer :: n_entries = 0
     !> Files that it names may be anywhere, not only in the folder of the scene and below.
     logical :: anywhere = .false.
+    !> Parameters that its laws may name; not allocated: the scene has none.
+    character(len=longest), allocatable :: names(:)
+    real(wp), allocatable :: values(:)
   contains
     procedure :: find
     procedure :: line_of

@@ -15,7 +15,7 @@ module viscovib_scene
   use viscovib_pendulum_groups, only: read_pendulum
   use viscovib_scene_groups, only: check_groups, place_of
   use viscovib_scene_results, only: read_result
-  use viscovib_status, only: show, status_type
+  use viscovib_status, only: fail, show, status_input_error, status_type
   use viscovib_structure_groups, only: read_structure
   use viscovib_structure_model, only: put_load
   use viscovib_subject, only: name_length, subject_type
@@ -50,18 +50,22 @@ contains
     logical, intent(in), optional :: allow_paths
     type(namelist_type) :: file
     type(growing_text) :: canonical
+    character(len=:), allocatable :: unused
 
     scene%path = path
     call read_namelist(path, file, status, text)
     if (present(allow_paths)) file%groups%anywhere = allow_paths
     if (.not. status%failed()) call check_groups(file, scene%subject%is_pendulum, status)
     if (.not. status%failed()) call read_title(file, scene, canonical, status)
-    if (.not. status%failed()) call read_parameters(file, canonical, status)
+    if (.not. status%failed()) call read_parameters(file, unused, canonical, status)
     if (.not. status%failed()) call read_subject(file, scene%subject, canonical, status)
     if (.not. status%failed()) then
       call read_result(file, scene%subject, scene%job, canonical, status)
     end if
     if (.not. status%failed()) call read_sweeps(file, scene, canonical, status)
+    if (.not. status%failed() .and. allocated(unused)) then
+      if (unused /= '') call fail(status, status_input_error, 'parameters', unused)
+    end if
     scene%canonical = canonical%text()
   end subroutine read_scene
 

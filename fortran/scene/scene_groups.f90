@@ -25,13 +25,14 @@ module viscovib_scene_groups
                                                 result_name('ensemble', .true., .false.)]
 
   !> Other groups: those of a mount or a system of one's own, and those of any scene.
-  character(len=*), parameter :: oscillator_groups(11) = &
+  character(len=*), parameter :: oscillator_groups(10) = &
     [character(len=15) :: 'mount', 'system', 'spring', 'force', 'structure', 'element', 'body', &
-     'mount_point', 'kernel', 'load', 'parameters'], &
-                                 other_groups(4) = &
-    [character(len=15) :: 'scene', 'pendulum', 'spectrum', 'sweep'], &
-                                 repeatable(7) = &
-    [character(len=15) :: 'kernel', 'load', 'spring', 'force', 'element', 'mount_point', 'sweep'], &
+     'mount_point', 'kernel', 'load'], &
+                                 other_groups(6) = &
+    [character(len=15) :: 'scene', 'pendulum', 'spectrum', 'event', 'parameters', 'sweep'], &
+                                 repeatable(8) = &
+    [character(len=15) :: 'kernel', 'load', 'spring', 'force', 'element', 'mount_point', 'event', &
+     'sweep'], &
                                  of_structures(5) = &
     [character(len=15) :: 'response', 'branch', 'backbone', 'modes', 'transient']
 
@@ -105,11 +106,11 @@ contains
     else if (any(['spring', 'force '] == name) .and. .not. is_polynomial) then
       call refuse_at(file, i, '&'//name//': needs &system', status)
     else if (name == 'parameters' .and. .not. (is_polynomial .or. is_structure &
-                                               .or. has(file, 'body'))) then
-      call refuse_at(file, i, '&parameters: needs &system, &structure or &body, which have laws', &
-                     status)
-    else if (name == 'spectrum' .and. .not. has(file, 'transient')) then
-      call refuse_at(file, i, '&spectrum: needs &transient', status)
+                                               .or. has(file, 'body') .or. has(file, 'event'))) then
+      call refuse_at(file, i, '&parameters: needs &system, &structure or &body, which have laws, ' &
+                     //'or &event', status)
+    else if (any(['spectrum', 'event   '] == name) .and. .not. has(file, 'transient')) then
+      call refuse_at(file, i, '&'//name//': needs &transient', status)
     end if
   end subroutine check_group
 

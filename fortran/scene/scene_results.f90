@@ -9,6 +9,7 @@ module viscovib_scene_results
   use viscovib_driven_groups, only: read_driven
   use viscovib_driven_job, only: driven_job
   use viscovib_ensemble_groups, only: read_ensemble
+  use viscovib_event_groups, only: read_events
   use viscovib_group_reader, only: group_reader
   use viscovib_growing_text, only: growing_text
   use viscovib_hereditary_job, only: hereditary_job
@@ -79,8 +80,13 @@ contains
       call reader%start(file%path, file%groups(n))
       call read_spectrum_of(reader, subject, job)
       call reader%close(canonical, status)
-      return
+      if (status%failed()) return
     end if
+    select type (job)
+    type is (motion_job)
+      call read_events(file, subject%coordinates, job, canonical, status)
+      return
+    end select
     if (any(job%kind() == ['response', 'branch  '])) then
       ! What only the whole job shows to be wrong.
       call job%plan(subject, plan, status)

@@ -6,6 +6,7 @@ module viscovib_structure_groups
   use viscovib_kernel_groups, only: read_system_kernels
   use viscovib_kernel_holder, only: kernel_holder
   use viscovib_kinds, only: wp
+  use viscovib_law_faults, only: complain_of_law
   use viscovib_law_term, only: about_rest
   use viscovib_law_text, only: compile_law
   use viscovib_matrix_market, only: read_matrix_market
@@ -374,21 +375,20 @@ contains
     call expand(law, ['d'], terms, fault, effort)
     if (fault /= '') then
       call read_function(element, law, fault)
-      if (fault /= '') call reader%complain('law', "law = '"//clipped(law)//"': "//fault)
+      if (fault /= '') call complain_of_law(reader, 'law', law, fault, ['d', 'v'])
       return
     end if
     do i = 1, size(terms%coefficients)
       select case (terms%powers(1, i))
       case (0)
-        call reader%complain('law', "law = '"//clipped(law)//"': has a constant, which belongs " &
-                             //'to the load')
+        call complain_of_law(reader, 'law', law, 'has a constant, which belongs to the load')
       case (1)
         element%stiffness = element%stiffness + terms%coefficients(i)
       case (2:max_degree)
         element%powers(terms%powers(1, i)) = terms%coefficients(i)
       case default
-        call reader%complain('law', "law = '"//clipped(law)//"': has degree " &
-                             //show(terms%powers(1, i))//', must be at most '//show(max_degree))
+        call complain_of_law(reader, 'law', law, 'has degree '//show(terms%powers(1, i)) &
+                             //', must be at most '//show(max_degree))
       end select
     end do
   end subroutine read_element

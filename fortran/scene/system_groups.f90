@@ -6,6 +6,7 @@ module viscovib_system_groups
   use viscovib_kernel_groups, only: read_system_kernels
   use viscovib_kernel_holder, only: kernel_holder
   use viscovib_kinds, only: wp
+  use viscovib_law_faults, only: complain_of_law
   use viscovib_law_term, only: about_rest, law_term
   use viscovib_law_text, only: compile_law
   use viscovib_namelist, only: lower, namelist_type
@@ -13,7 +14,7 @@ module viscovib_system_groups
     polynomial_parameters, polynomial_type
   use viscovib_number_text, only: exact
   use viscovib_polynomial_text, only: expand, terms_type
-  use viscovib_status, only: clipped, fail, show, status_input_error, status_type
+  use viscovib_status, only: fail, show, status_input_error, status_type
   use viscovib_subject, only: name_length
   implicit none
   private
@@ -136,7 +137,10 @@ contains
       call expand(law, coordinates, terms, fault, effort)
       if (fault /= '') then
         call read_function(reader, p, law, coordinates, on, kernel, fault)
-        if (fault /= '') call reader%complain('law', "law = '"//clipped(law)//"': "//fault)
+        if (fault /= '') then
+          call complain_of_law(reader, 'law', law, fault, [character(len=name_length + 4) :: &
+                                                           coordinates, rates_of(coordinates)])
+        end if
         return
       end if
     else
@@ -219,10 +223,8 @@ contains
     integer :: i, n
 
     n = size(coordinates)
-    do i = 1, n
-      arguments(i) = coordinates(i)
-      arguments(n + i) = trim(coordinates(i))//'_dot'
-    end do
+    arguments(:n) = coordinates
+    arguments(n + 1:) = rates_of(coordinates)
     call compile_law(lower(text), arguments, none, no_values, law%program, law%parity, law%degree, &
                      other)
     if (other /= '') then
@@ -262,6 +264,16 @@ contains
     p%spring_kernel = [p%spring_kernel, kernel]
     p%damping(on, :) = p%damping(on, :) + slopes(n + 1:)
   end subroutine read_function
+
+  !> Names of velocities.
+  pure function rates_of(coordinates) result(names)
+    character(len=name_length), intent(in) :: coordinates(:)
+    character(len=name_length + 4) :: names(size(coordinates))
+    integer :: i
+    do i = 1, size(coordinates)
+      names(i) = trim(coordinates(i))//'_dot'
+    end do
+  end function rates_of
 
   !> n numbers make a diagonal matrix, n^2 are row by row.
   function read_matrix(reader, key, n, required) result(matrix)

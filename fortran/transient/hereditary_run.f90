@@ -106,6 +106,8 @@ contains
       if (present(watch)) then
         call look_inside(run, base, watch, from, now, t_reached, outcome)
         if (outcome /= run_completed) then
+          ! The step goes beyond the event: it is not one of those made.
+          n_done = i - 1
           call keep_reached(run, base, times, now, at_times, n_reached)
           n_reached = min(n_reached, count(times <= t_reached))
           return

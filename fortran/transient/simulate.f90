@@ -67,7 +67,7 @@ contains
     now = 0.0_wp
     if (first > 0) now = ends%time(piece, first)
     if (ends%is_broken()) call enter_piece(method, system, ends, piece, now)
-    if (.not. present(watch)) call new_watch(unwatched, [real(wp) ::], [integer ::])
+    if (.not. present(watch)) call new_watch(unwatched, [real(wp) ::])
     system%step_length = method%h
     if (allocated(system%sides)) then
       at%sides = system%sides

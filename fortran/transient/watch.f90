@@ -3,11 +3,12 @@ module viscovib_watch
   use viscovib_event_search, only: first_passage
   use viscovib_kinds, only: wp
   use viscovib_law_branches, only: signal_type
+  use viscovib_law_functions, only: put_argument
   use viscovib_step_path, only: step_path
   implicit none
   private
 
-  public :: watch_type, new_watch, passage_type
+  public :: watch_type, new_watch, passage_type, coordinates_read, renumbered
 
   !> Part of its largest value on a step that a signal at the start must have to be on a side.
   real(wp), parameter :: on_surface = 1.0e-13_wp
@@ -36,6 +37,8 @@ module viscovib_watch
     real(wp), allocatable :: times(:), states(:, :)
   contains
     procedure :: look
+    procedure :: count_of
+    procedure :: last_state
     procedure :: keep
     procedure :: drop_after
     procedure :: hand_over
@@ -48,18 +51,22 @@ contains
   subroutine new_watch(watch, vector, sides)
     type(watch_type), intent(out) :: watch
     real(wp), intent(in) :: vector(:)
-    !> Of each, its side and a power of 2 not above its largest value so far.
-    integer, intent(in) :: sides(:)
+    !> Of each, its side and a power of 2 not above its largest value so far; without: a run begins.
+    integer, intent(in), optional :: sides(:)
     integer :: i, k, m, n
 
     n = 0
     if (size(vector) > 0) n = nint(vector(1))
     allocate (watch%signals(n), watch%direction(n), watch%terminal(n))
-    watch%sides = sides(:n)
     allocate (watch%largest(n), source=0.0_wp)
-    do i = 1, n
-      if (watch%sides(i) /= 0) watch%largest(i) = scale(1.0_wp, sides(n + i))
-    end do
+    if (present(sides)) then
+      watch%sides = sides(:n)
+      do i = 1, n
+        if (watch%sides(i) /= 0) watch%largest(i) = scale(1.0_wp, sides(n + i))
+      end do
+    else
+      allocate (watch%sides(n), source=0)
+    end if
     k = 1
     do i = 1, n
       watch%direction(i) = nint(vector(k + 1))
@@ -72,6 +79,66 @@ contains
     end do
     allocate (watch%which(0), watch%times(0), watch%states(0, 0))
   end subroutine new_watch
+
+  !> Which of n coordinates the signals read, themselves or their velocities.
+  pure function coordinates_read(vector, n) result(read_at_all)
+    !> As of `new_watch`.
+    real(wp), intent(in) :: vector(:)
+    integer, intent(in) :: n
+    logical :: read_at_all(n)
+    integer :: i, k, m, place
+
+    read_at_all = .false.
+    k = 1
+    do i = 1, nint(vector(1))
+      m = nint(vector(k + 3))
+      do place = k + 4, k + 2*m + 3, 2
+        if (nint(vector(place)) /= put_argument) cycle
+        if (nint(vector(place + 1)) <= 2*n) read_at_all((nint(vector(place + 1)) + 1)/2) = .true.
+      end do
+      k = k + 3 + 2*m
+    end do
+  end function coordinates_read
+
+  !> The same signals of states that hold only some of n coordinates.
+  pure function renumbered(vector, n, places) result(other)
+    real(wp), intent(in) :: vector(:)
+    integer, intent(in) :: n
+    !> Coordinates that are held.
+    integer, intent(in) :: places(:)
+    real(wp) :: other(size(vector))
+    integer :: i, k, m, place, argument
+
+    other = vector
+    k = 1
+    do i = 1, nint(vector(1))
+      m = nint(vector(k + 3))
+      do place = k + 4, k + 2*m + 3, 2
+        if (nint(vector(place)) /= put_argument) cycle
+        argument = nint(vector(place + 1))
+        if (argument > 2*n) then
+          other(place + 1) = argument - 2*n + 2*size(places)
+        else
+          other(place + 1) = 2*findloc(places, (argument + 1)/2, 1) - modulo(argument, 2)
+        end if
+      end do
+      k = k + 3 + 2*m
+    end do
+  end function renumbered
+
+  !> Passages of one signal that were found.
+  pure integer function count_of(self, which)
+    class(watch_type), intent(in) :: self
+    integer, intent(in) :: which
+    count_of = count(self%which(:self%n_found) == which)
+  end function count_of
+
+  !> The state at the last passage.
+  pure function last_state(self) result(state)
+    class(watch_type), intent(in) :: self
+    real(wp) :: state(size(self%states, 1))
+    state = self%states(:, self%n_found)
+  end function last_state
 
   !> Passages in a step that count, ascending; after one that ends the run none.
   subroutine look(self, path, sticks, found)

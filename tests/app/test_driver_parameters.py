@@ -99,13 +99,18 @@ def test_sweeps_change_them(tmp_path):
 @pytest.mark.parametrize(
     ("old", "new", "text"),
     [
-        ("k3 = 0.3", "k4 = 0.3", "a.nml:1: k4: is in no law"),
+        ("1e0*k3*x^3", "1e0*x^3", "a.nml:1: k3: is in no law"),
+        ("k3 = 0.3", "k4 = 0.3", "law = '1e0*k3*x^3': 'k3' is neither a variable nor a parameter "),
+        ("k3 = 0.3", "k4 = 0.3", "a.nml:3: "),
+        ("x_dot/soft", "x_dot/sotf", "law = 'F0*tanh( x_dot/sotf )': 'sotf' is neither a variable"),
+        ("x_dot/soft", "x_dot/sotf", "(did you mean soft?)"),
+        ("k3*x^3", "k3*x^3 +", "law = '1e0*k3*x^3 +': "),
         ("soft = 0.05", "soft = 0.05, tanh = 1", "tanh: is a name that laws have already"),
         ("soft = 0.05", "soft = 0.05, x = 1", "x: is the name of a coordinate"),
         ("soft = 0.05", "soft = 0.05, x_dot = 1", "x_dot: is the name of a coordinate"),
         ("soft = 0.05", "soft = 'a'", "soft = a: must be a number"),
-        ("soft = 0.05", "soft = 0", "it divides by 0"),
-        ("k3*x", "k3(x)*x", "k3: is in no law"),
+        ("soft = 0.05", "soft = 0", "law = 'F0*tanh( x_dot/soft )': it divides by 0"),
+        ("k3*x", "k3(x)*x", "law = '1e0*k3(x)*x^3': 'k3' is not a known function"),
         ("&load", "&parameters e = 1 /\n&load", "a second &parameters"),
     ],
 )
@@ -115,6 +120,24 @@ def test_what_is_refused(solve, tmp_path, old, new, text):
     folder = tmp_path / "out"
     folder.mkdir()
     check_failure(solve(scene, "--out", folder), 2, text, folder)
+
+
+@pytest.mark.parametrize(
+    ("text", "old", "new", "told"),
+    [
+        (STRUCTURE, "gap, 0", "gpa, 0", "(did you mean gap?)"),
+        (STRUCTURE, "'k3*d^3'", "'k3*d^3 + k3'", "law = 'k3*d^3 + k3': has a constant"),
+        (BODY, "'k3*d^3'", "'k2*d^3'", "law_z = 'k2*d^3': 'k2' is neither a variable nor a "),
+        (BODY, "'k3*d^3'", "'k3'", "law_z = 'k3': has the power 0"),
+        (BODY, "'k3*d^3'", "'k3*cos(d)'", "law_z = 'k3*cos(d)': is 3e7 at d = 0"),
+    ],
+)
+def test_laws_are_told_as_they_were_written(solve, tmp_path, text, old, new, told):
+    scene = tmp_path / "a.nml"
+    scene.write_text(text.replace(old, new, 1))
+    folder = tmp_path / "out"
+    folder.mkdir()
+    check_failure(solve(scene, "--out", folder), 2, told, folder)
 
 
 def test_a_mount_has_no_laws(solve, tmp_path):

@@ -119,6 +119,7 @@ SEEDS = {
 &kernel kind='rabotnov' amplitude=0.05 alpha=0.3 beta=1 /
 &transient held=0.1 0 t_end=5 dt=0.1 /
 &spectrum discard=1 /
+&event function='x' direction='down' terminal='yes' /
 """,
     "system_motion": """&system coordinates='x' mass=1 stiffness=1 damping=0.1 /
 &force coefficient=1 powers=3 /
@@ -141,6 +142,7 @@ SEEDS = {
     "pendulum": """&pendulum e=0.1 w2=0.4 w3=0.8 alpha=0.5 c1=0.01 f0=0.005 p1=0.93 /
 &transient initial=0.05 0 0.3 0 -0.2 0 t_end=20 dt=0.25 /
 &spectrum window='hann' discard=5 /
+&event function='phi - 0.1*sin(t)' direction='up' /
 """,
     "pendulum_auto": """&pendulum e=0.1 w2=0.4 w3=0.8 c1=0.01 c2=0.01 c3=0.01 m01=0.005 p2=0.4 /
 &transient initial=0.05 0 0.3 0 -0.2 0 t_end=20 tolerance=1e-6 keep='last' /

@@ -88,6 +88,9 @@ def _compare(scene, folder):
     for i in range(len(result.switched) + 1):
         result.to_csv(mine, i)
         assert mine.read_bytes() == tables.pop(f"{stem}_{i}.csv" if i else f"{stem}.csv")
+    if result.events is not None:
+        result.events_to_csv(mine)
+        assert mine.read_bytes() == tables.pop(f"{scene.stem}_event.csv")
     if result.spectrum is not None:
         result.spectrum_to_csv(mine)
         assert mine.read_bytes() == tables.pop(f"{scene.stem}_spectrum.csv")

@@ -76,6 +76,8 @@ NOTHING_TO_JUDGE = {
     "Lines.to_dataset": _ARRAYS,
     "Modulation.to_dataset": _ARRAYS,
     "Result.to_netcdf": "to_dataset in a file, which test_results compares",
+    "Scene.events": "what &event groups say; test_driver_events compares their passages",
+    "SceneResult.events_to_csv": "the table of events, which test_driver_events compares",
     "SceneResult.spectrum_to_csv": "the table of a spectrum, which test_tables compares",
 }
 

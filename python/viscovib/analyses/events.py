@@ -128,12 +128,8 @@ class Watch:
 
     def passages(self, columns: slice) -> tuple[Passages, ...]:
         """What was found of each event."""
-        if not self.found:
-            width = 0
-            whole = np.empty((0, 2 + width))
-        else:
-            whole = np.concatenate(self.found)
-        places = whole[:, 0].astype(int) if whole.size else np.empty(0, dtype=int)
+        whole = np.concatenate([np.empty((0, 2 + columns.stop)), *self.found])
+        places = whole[:, 0].astype(int)
         return tuple(
             Passages(whole[places == i + 1, 1], whole[places == i + 1, 2:][:, columns])
             for i in range(len(self.events))

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
 from dataclasses import replace
 from functools import partial
 from typing import Any
@@ -32,6 +34,19 @@ _STATES_AT_STOP, _MOST_PARTS = 100, 64
 #: What a run keeps of each time.
 _KEPT = ("t", "state", "deflections", "rates")
 
+#: Whether states inside steps are those at the ends of shorter ones.
+_ENDS_ALONE = ContextVar("ends_alone", default=False)
+
+
+@contextmanager
+def ends_alone() -> Iterator[None]:
+    """Keep states at ends of steps alone, as the standalone driver does, to the last bit."""
+    before = _ENDS_ALONE.set(True)
+    try:
+        yield
+    finally:
+        _ENDS_ALONE.reset(before)
+
 
 def by_tolerance(
     make: Callable[[int, int], Trajectory],
@@ -49,6 +64,7 @@ def by_tolerance(
     found by the polynomials of the steps (``inside``: ``make`` takes more parts than the factor)
     where they change as little as those at the ends of steps, else by a run in steps as short.
     """
+    inside = inside and not _ENDS_ALONE.get()
     least = min(_PARTS, most_states(n)) if dense and inside else 1
     first = coarse = make(1, least)
     factor, held, parts = 1, least, 1

@@ -9,6 +9,8 @@ from dataclasses import dataclass, replace
 from functools import partial
 from typing import TYPE_CHECKING, Any, cast
 
+import numpy as np
+
 from viscovib import _native
 from viscovib._native import core
 from viscovib.analyses.backbones import Backbone
@@ -16,6 +18,7 @@ from viscovib.analyses.driven_branch import DrivenBranch
 from viscovib.analyses.forced import forced_response
 from viscovib.analyses.periodic import trace_response
 from viscovib.analyses.spectral import Spectrum, spectrum
+from viscovib.analyses.step_search import ends_alone
 from viscovib.analyses.transient import simulate
 from viscovib.common.counts import things
 from viscovib.common.plan import Plan, wanted_places
@@ -62,6 +65,7 @@ class SceneResult:
         | xr.Dataset
     )  # fmt: skip
     spectrum: Spectrum | TableResult | None = None
+    events: TableResult | None = None
     switched: tuple[DrivenBranch, ...] | tuple[Backbone, ...] | tuple[TableResult, ...] = ()
 
     @property
@@ -105,8 +109,15 @@ class SceneResult:
             raise InputError("spectrum_to_csv: this scene computed no spectrum")
         self._write(self.spectrum, path)
 
+    def events_to_csv(self, path: str | os.PathLike[str]) -> None:
+        """Write the table of events: of each passage the event, from 1, the time and the state."""
+        if self.events is None:
+            raise InputError("events_to_csv: this scene has no &event")
+        self._write(self.events, path)
+
     def _write(self, value: Result, path: str | os.PathLike[str]) -> None:
-        wanted = self.scene.groups[value.kind].get("coordinates")
+        asked = "transient" if value.kind == "event" else value.kind
+        wanted = self.scene.groups[asked].get("coordinates")
         title = self.scene.groups.get("scene", {}).get("title", "")
         table = value._table(None if wanted is None else texts(wanted))
         table.write(path, str(self.plan), f", scene {self.scene.path}\n{title}".rstrip())
@@ -158,9 +169,10 @@ def run_one(scene: Scene, *, progress: bool = False) -> SceneResult:
     if "multiple_scales" in scene.groups:
         return SceneResult(scene, replace(scene._steady(), plan=planned))
     if "transient" in scene.groups:
-        found = simulate(**scene._motion(), progress=progress)
+        with ends_alone():
+            found = simulate(**scene._motion(), progress=progress)
         run = replace(found, _planned=partial(given_plan, planned))
-        return SceneResult(scene, run, _spectrum(scene, run))
+        return SceneResult(scene, run, _spectrum(scene, run), _events(scene, run))
     if "backbone" in scene.groups:
         free, families = scene._backbones()
         told = tuple(replace(family, plan=planned) for family in families)
@@ -179,12 +191,38 @@ def run_one(scene: Scene, *, progress: bool = False) -> SceneResult:
 def _by_core(scene: Scene, planned: Plan) -> SceneResult:
     """Let the core do all of it: the tables of the standalone driver, read back."""
     kinds = [name for name in scene.groups if name not in _SUBJECTS and scene.groups[name]]
-    kinds.sort(key="spectrum".__eq__)
+    kinds.sort(key=lambda name: (name == "event", name == "spectrum"))
     if scene.groups.get("ensemble", {}).get("sections"):
         first, *more = run_tables(scene, ["ensemble", "ensemble_1"], planned)
         return SceneResult(scene, first, switched=tuple(replace(x, kind="ensemble") for x in more))
     first, *others = run_tables(scene, kinds, planned)
-    return SceneResult(scene, first, others[0] if others else None)
+    beside = {table.kind: table for table in others}
+    return SceneResult(scene, first, beside.get("spectrum"), beside.get("event"))
+
+
+def _events(scene: Scene, run: Trajectory) -> TableResult | None:
+    """Passages of the events, where the scene has any, as the core writes them."""
+    groups = scene.groups["event"]
+    if not groups:
+        return None
+    notes = []
+    for i, (group, found) in enumerate(zip(groups, run.events, strict=True), start=1):
+        ends = ", terminal" if group["terminal"] == "yes" else ""
+        told = f"{group['function']}, {group['direction']}{ends}"
+        notes.append(f"event {i}: {told}, {things(found.t.size, 'passage')}")
+    which = [np.full(found.t.size, i, dtype=int) for i, found in enumerate(run.events, start=1)]
+    state = np.concatenate([found.state for found in run.events])
+    columns = {
+        "event": np.concatenate(which),
+        "t": np.concatenate([found.t for found in run.events]),
+    }
+    table = run._table(texts(scene.groups["transient"]["coordinates"]))
+    for name in list(table.columns)[1:]:
+        place = 2 * run.dof_names.index(name.removesuffix("_dot")) + name.endswith("_dot")
+        columns[name] = state[:, place]
+    told = f"{things(state.shape[0], 'passage')} of {things(len(groups), 'event')}"
+    notes.append(table.notes[-1])
+    return TableResult("event", columns, tuple(notes), run.plan, run.complete, told)
 
 
 def _spectrum(scene: Scene, run: Trajectory) -> Spectrum | None:

@@ -127,7 +127,7 @@ def with_numbers(group: Mapping[str, Any], parameters: Mapping[str, float]) -> d
         return f"({parameters[name]!r})" if name in parameters else found[0]
 
     return {
-        key: _WORD.sub(number, value) if key.startswith("law") else value
+        key: _WORD.sub(number, value) if key.startswith(("law", "function")) else value
         for key, value in group.items()
     }
 

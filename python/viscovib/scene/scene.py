@@ -21,6 +21,7 @@ from viscovib import _native
 from viscovib._native import FloatArray, core
 from viscovib.analyses.backbones import Backbone
 from viscovib.analyses.driven_branch import DrivenBranch
+from viscovib.analyses.events import Event
 from viscovib.analyses.multiple_scales import MultipleScales
 from viscovib.analyses.periodic import backbone, trace_response
 from viscovib.bodies.body import Body
@@ -54,7 +55,7 @@ _KERNELS: dict[str, type[Kernel]] = {
     "tabulated": TabulatedKernel,
 }
 #: Groups that a scene may have any number of.
-_REPEATABLE = ("kernel", "load", "spring", "force", "element", "mount_point", "sweep")
+_REPEATABLE = ("kernel", "load", "spring", "force", "element", "mount_point", "event", "sweep")
 _LISTS = ("weights", "rates", "times", "values")
 
 #: Keys of a pendulum's &branch that `trace_response` has under the same names.
@@ -348,7 +349,19 @@ class Scene:
             "method": group["method"],
             "save_every": group["save_every"],
             "keep": group["keep"],
+            "events": self.events() or None,
         }
+
+    def events(self) -> list[Event]:
+        """Build the events that a motion in time looks for."""
+        return [
+            Event(
+                with_numbers(group, self._parameters)["function"].lower(),
+                direction=group["direction"],
+                terminal=group["terminal"] == "yes",
+            )
+            for group in self.groups["event"]
+        ]
 
     @property
     def _has_memory(self) -> bool:

@@ -129,7 +129,7 @@ def _read(
     title = scene.groups.get("scene", {}).get("title", "")
     known = {f"viscovib {version('viscovib')}, scene {scene.path}", title, *str(plan).splitlines()}
     names, *rows = csv.reader(line for line in lines if not line.startswith("#"))
-    values = map(_numbers, zip(*rows, strict=True))
+    values = map(_numbers, zip(*rows, strict=True) if rows else [()] * len(names))
     return TableResult(
         kind=kind,
         columns=dict(zip(names, values, strict=True)),

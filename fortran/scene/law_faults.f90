@@ -1,0 +1,37 @@
+!> What is wrong with the text of a law, told of the text as the file has it: with names of
+!! parameters, not their numbers.
+module viscovib_law_faults
+  use viscovib_group_reader, only: group_reader
+  use viscovib_law_program, only: law_program
+  use viscovib_law_text, only: compile_law
+  use viscovib_namelist, only: lower
+  use viscovib_status, only: clipped
+  implicit none
+  private
+
+  public :: complain_of_law
+
+contains
+
+  !> Refuse a law; a name that is none is told with the parameter that it is nearest to.
+  subroutine complain_of_law(reader, key, text, fault, arguments)
+    type(group_reader), intent(inout) :: reader
+    !> Its key, and what was read: numbers stand for names.
+    character(len=*), intent(in) :: key, text, fault
+    !> What it may depend on; without: the fault is no matter of names.
+    character(len=*), intent(in), optional :: arguments(:)
+    character(len=:), allocatable :: written, told, other
+    type(law_program) :: program
+    integer :: parity, degree
+
+    written = reader%group%written(key, text)
+    told = fault
+    if (present(arguments) .and. allocated(reader%group%names)) then
+      call compile_law(lower(written), arguments, reader%group%names, reader%group%values, &
+                       program, parity, degree, other)
+      if (other /= '') told = other
+    end if
+    call reader%complain(key, key//" = '"//clipped(written)//"': "//told)
+  end subroutine complain_of_law
+
+end module viscovib_law_faults

@@ -1,0 +1,137 @@
+"""The standalone driver: events of motions in time."""
+
+import os
+
+import numpy as np
+import pytest
+import viscovib as vv
+from driver import GOOD, check_failure, read_csv
+from scipy.integrate import solve_ivp
+
+MOUNT = GOOD[: GOOD.index("&load")] + "&load amplitude=0.5 /\n"
+PENDULUM = "&pendulum e=0.1, w2=0.4, w3=0.8, alpha=0.5, c1=0.01, f0=0.005, p1=0.93 /\n"
+SYSTEM = """&parameters gap = 0.2, k3 = 1 /
+&system coordinates = 'x' 'y', mass = 1 2, stiffness = 1 -0.2 -0.2 0.7, damping = 0.1 0.05 /
+&force on = 'x', law = 'k3*x^3 + 0.3*sin(x)' /
+&load on = 'x', amplitude = 0.5, phase = 0.3 /
+"""
+CHAIN = """&structure size=3 mass=1 2 1 stiffness=2 -1 0 -1 2 -1 0 -1 2 rayleigh=0.02 0.03 /
+&kernel kind='prony' weights=0.3 rates=1.5 /
+&element on='x1' stiffness=0.4 law='0.5*d^3' /
+&load on='x3' amplitude=0.2 /
+"""
+SCENES = {
+    "system": SYSTEM + "&transient initial=0.1 0 0 0.3, nu=1.3, t_end=30, coordinates='y' /\n"
+    "&event function='X - Gap', direction='up' /\n&event function='y_dot' /\n",
+    "stops": SYSTEM + "&transient initial=0.1 0 0 0.3, nu=1.3, t_end=30, dt=0.2 /\n"
+    "&event function='x - y*cos(t)' /\n"
+    "&event function='y + gap', direction='down', terminal='yes' /\n",
+    "kept last": SYSTEM + "&transient initial=0.1 0 0 0.3, nu=1.3, t_end=30, keep='last' /\n"
+    "&event function='y + gap', direction='down', terminal='yes' /\n",
+    "none": SYSTEM + "&transient initial=0.1 0 0 0.3, nu=1.3, t_end=3 /\n"
+    "&event function='x - 50*gap' /\n",
+    "pendulum": PENDULUM + "&transient initial=0.05 0 0.3 0 -0.2 0, t_end=20, tolerance=1e-9 /\n"
+    "&spectrum /\n&event function='phi - 0.1*sin(0.1*t)' /\n&event function='z_dot' /\n",
+    "spring alone": PENDULUM + "&transient initial=0.05 0 0 0 0 0, t_end=9, rtol=1e-9 /\n"
+    "&event function='z', direction='down' /\n",
+    "mount": MOUNT + "&transient t_end=20, nu=1.5, tolerance=1e-8 /\n&event function='x_dot' /\n",
+    "mount that stops": MOUNT + "&transient t_end=20, nu=1.5, dt=0.1 /\n"
+    "&event function='x - 0.2', terminal='yes' /\n",
+    "mount, last": MOUNT + "&transient t_end=20, nu=1.5, dt=0.1, keep='last' /\n"
+    "&event function='x - 0.2', terminal='yes' /\n",
+    "structure": CHAIN + "&transient nu=0.9, t_end=20, tolerance=1e-9, coordinates='x3' /\n"
+    "&spectrum coordinates='x2' discard=5 /\n&event function='x1 - x2' /\n"
+    "&event function='x3_dot', direction='down' /\n",
+    "structure that stops": CHAIN + "&transient nu=0.9, t_end=20, dt=0.1 /\n"
+    "&event function='x1 - 0.1*x2 - 0.05*t', terminal='yes' /\n",
+}
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_driver_and_python_agree_to_the_last_bit(solve, tmp_path, name):
+    scene = tmp_path / "motion.nml"
+    scene.write_text(SCENES[name])
+    done = solve(scene, "--out", tmp_path)
+    assert done.returncode == 0, done.stderr
+    result = vv.run(scene)
+    result.to_csv(tmp_path / "own_transient.csv")
+    result.events_to_csv(tmp_path / "own_event.csv")
+    assert str(vv.plan(scene)) == solve(scene, "--plan").stdout.strip()
+    assert result.scene.override({}).canonical == result.scene.canonical
+    exact = "debug" not in os.environ.get("VISCOVIB_SOLVE", "")
+    for kind in ("transient", "event"):
+        ours, theirs = (tmp_path / f"{who}_{kind}.csv" for who in ("own", "motion"))
+        if exact:
+            assert ours.read_bytes() == theirs.read_bytes()
+        found, expected = (np.atleast_1d(read_csv(path)) for path in (ours, theirs))
+        assert found.dtype.names == expected.dtype.names
+        for column in found.dtype.names:
+            assert found[column] == pytest.approx(expected[column], rel=1e-9, abs=1e-9)
+
+
+def test_events_are_those_of_the_equations(solve, tmp_path):
+    """Against DOP853 of SciPy and its own search for events."""
+    scene = tmp_path / "motion.nml"
+    scene.write_text(SCENES["system"].replace("t_end=30", "t_end=30, tolerance=1e-11"))
+    assert solve(scene, "--out", tmp_path).returncode == 0
+    table = read_csv(tmp_path / "motion_event.csv")
+    stiffness = np.array([[1, -0.2], [-0.2, 0.7]])
+
+    def rates(t, state):
+        u, v = state[:2], state[2:]
+        force = -stiffness @ u - [0.1, 0.05] * v
+        force[0] += 0.5 * np.sin(1.3 * t + 0.3) - u[0] ** 3 - 0.3 * np.sin(u[0])
+        return [*v, *(force / [1, 2])]
+
+    def passes(t, state):
+        return state[0] - 0.2
+
+    def turns(t, state):
+        return state[3]
+
+    passes.direction = 1
+    true = solve_ivp(
+        rates, (0, 30), [0.1, 0, 0, 0.3], "DOP853", events=[passes, turns], rtol=1e-12, atol=1e-13
+    )
+    assert true.t_events[0].size >= 3
+    assert table["event"].tolist() == [1] * true.t_events[0].size + [2] * true.t_events[1].size
+    assert table["t"] == pytest.approx(np.concatenate(true.t_events), abs=1e-9)
+    states = np.concatenate(true.y_events)
+    assert table["y"] == pytest.approx(states[:, 1], abs=1e-9)
+    assert table["y_dot"] == pytest.approx(states[:, 3], abs=1e-9)
+
+
+def test_states_end_before_an_event_that_ends_the_run(solve, tmp_path):
+    """A row of a state that was never made stood behind it, of motions with memory."""
+    scene = tmp_path / "motion.nml"
+    scene.write_text(SCENES["mount that stops"])
+    done = solve(scene, "--out", tmp_path)
+    assert "event at t = " in done.stdout
+    table, event = (read_csv(tmp_path / f"motion_{kind}.csv") for kind in ("transient", "event"))
+    run = vv.run(scene).trajectory
+    assert run.t[-1] <= run.t_reached == pytest.approx(float(event["t"]), rel=1e-10)
+    assert table["x"][-1] == pytest.approx(0.2, abs=0.05)
+    assert run.state[-1, 0] == pytest.approx(0.2, abs=0.05)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "text"),
+    [
+        ("X - Gap", "z - gap", "function = 'z - gap': "),
+        ("X - Gap", "2*gap", "depends on no quantity, must name x, x_dot, y, y_dot, t"),
+        ("X - Gap", "x - (gap", "motion.nml:6: function = 'x - (gap': "),
+        ("'up'", "'left'", "direction = 'left': must be one of 'any', 'up', 'down'"),
+        ("'up'", "'up', terminal='maybe'", "terminal = 'maybe': must be one of 'no', 'yes'"),
+        ("function='X", "funktion='X", "did you mean 'function'?"),
+        ("k3 = 1", "k3 = 1, t = 2", "t: is what an &event names, must be another"),
+        ("X - Gap", "x - gpa", "function = 'x - gpa': 'gpa' is neither a variable nor a parameter"),
+        ("X - Gap", "x - gpa", "(did you mean gap?)"),
+        ("&transient", "&response nu=1 /\n!", "&event: needs &transient"),
+    ],
+)
+def test_what_is_refused(solve, tmp_path, old, new, text):
+    scene = tmp_path / "motion.nml"
+    scene.write_text(SCENES["system"].replace(old, new, 1))
+    folder = tmp_path / "out"
+    folder.mkdir()
+    check_failure(solve(scene, "--out", folder), 2, text, folder)
