@@ -55,6 +55,27 @@ def test_what_is_fed_is_lost(names, loaded):
         assert lost[i].sum() == pytest.approx(fed - own, abs=2e-6 * max(abs(fed), own))
 
 
+@pytest.mark.parametrize(
+    "element",
+    [
+        vv.Spring(on="x1", law="0.3*v*abs(v) + 0.2*v", damping=0.1),
+        vv.Spring(on="x1", law="0.3*d^3 + sin(d)", kernel=vv.PronyKernel(weights=[0.3], rates=[1])),
+        vv.Coupling(on={"a": "x1", "b": "x2"}, law={"a": "a*b*a_dot", "b": "0.3*b^2*b_dot"}),
+        vv.Jenkins(on="x2", stiffness=3, limit=0.02),
+    ],
+    ids=lambda element: type(element).__name__,
+)
+def test_a_linear_motion_loses_by_linear_forces(element):
+    """What the whole law would take from it is not what the load feeds."""
+    structure = vv.Structure(
+        mass=np.eye(2), stiffness=STIFFNESS, damping=DAMPING, elements=[element]
+    )
+    r = vv.forced_response(structure, [0.8], load=[1, 0], method="linear")
+    x = r.coefficients[0, :, 0]
+    own = np.pi * 0.8 * (x.conj() @ DAMPING @ x).real
+    assert r.dissipation()[0, 0] == pytest.approx(-np.pi * x[0].imag - own, rel=1e-9, abs=1e-12)
+
+
 def test_a_slider_loses_what_its_formula_says():
     """4 F_s (a - F_s/k), and along a branch too."""
     slider = vv.Jenkins(on="x1", stiffness=20, limit=0.3)
@@ -76,5 +97,109 @@ def test_a_branch_over_a_parameter_is_refused():
     branch = vv.trace_response(
         structure, nu=1.0, load=[0.1], vary="elements[0].k3", vary_range=(1, 2), stability=False
     )
-    with pytest.raises(vv.InputError, match="dissipation: elements change along a branch"):
+    with pytest.raises(vv.InputError, match="dissipation: the system changes along a branch"):
         branch.dissipation()
+
+
+#: Forces of a system of two coordinates, dampers of each kind among them.
+SPRINGS = {
+    "dashpots": {"damping": DAMPING, "forces": {"x1": "0.3*x1^3"}},
+    "quadratic": {"forces": {"x2": "0.2*x2_dot*abs(x2_dot) + 0.3*x2^3"}},
+    "friction": {"forces": {"x1": "0.05*tanh((x1_dot - x2_dot)/0.05)",
+                            "x2": "-0.05*tanh((x1_dot - x2_dot)/0.05)"}},
+    "gap": {"forces": {"x1": "5*max(x1 - 0.2, 0)*(1 + 0.3*x1_dot)"}, "damping": 0.5 * DAMPING},
+    "memory": {"forces": {"x1": "0.2*x1^3 + 0.1*sin(x1)"},
+               "kernel": vv.PronyKernel(weights=[0.3], rates=[0.8]), "damping": DAMPING},
+    "follower": {"springs": [vv.Springs(stiffness=[[0.5, 0.3], [-0.3, 0.5]])],
+                 "damping": DAMPING, "forces": {"x1": "0.3*x1^3"}},
+    "several": {
+        "damping": DAMPING, "forces": {"x1": "0.1*sin(x1 - x2) + 0.2*x1_dot^3"},
+        "springs": [
+            vv.Springs(stiffness=[[1, -1], [-1, 1]],
+                       kernel=vv.RzhanitsynKernel(amplitude=0.05, alpha=0.3, beta=0.2)),
+            vv.Springs(forces={"x2": "0.3*x2*abs(x2) + 0.1*tanh(x2_dot)"}),
+        ],
+    },
+}  # fmt: skip
+
+
+def _integrated(system, nu, k, y):
+    """Work of dampers and forces as text in a period: a sum over 2^17 samples, no memory."""
+    theta = 2 * np.pi * np.arange(2**17) / 2**17
+    waves = np.exp(1j * np.outer(theta, k))
+    u, v = (waves @ y.T).imag, (waves @ (1j * k * nu * y).T).imag
+    named = {"x1": u[:, 0], "x2": u[:, 1], "x1_dot": v[:, 0], "x2_dot": v[:, 1]}
+    named |= {name: getattr(np, name) for name in ("sin", "tanh", "abs")}
+    named["max"] = np.maximum
+    work = [((v @ np.asarray(system.damping)) * v).sum(axis=1)]
+    for part in (system, *system.springs):
+        given = part._given_stiffness if part is system else part.stiffness
+        stiffness = np.zeros((2, 2)) if given is None else np.asarray(given)
+        power = ((u @ stiffness.T) * v).sum(axis=1)
+        for name, law in (part.forces or {}).items():
+            power = power + eval(law.replace("^", "**"), {}, named) * named[f"{name}_dot"]
+        work.append(power)
+    return np.array(work).mean(axis=1) * 2 * np.pi / nu
+
+
+@pytest.mark.filterwarnings("ignore::viscovib.ConvergenceWarning")
+@pytest.mark.parametrize("name", SPRINGS)
+@pytest.mark.parametrize("base", [None, 0.15])
+@pytest.mark.parametrize("branch", [False, True])
+def test_a_system_loses_what_it_is_fed(name, base, branch):
+    """Each part against its integral by NumPy, their sum against the work of load and base."""
+    system = vv.PolynomialSystem(
+        mass=[1, 2], stiffness=STIFFNESS, base_direction=[1, 1], **SPRINGS[name]
+    )
+    load = [0.7, 0.2j]
+    if branch:
+        r = vv.trace_response(
+            system, load_range=(0.5, 1), nu=0.8, load=load, base=base, harmonics=25, max_points=20,
+            stability=False,
+        )  # fmt: skip
+    else:
+        r = vv.forced_response(
+            system, [0.7, 1.1], load=load, base=base, method="newton", harmonics=25
+        )
+    lost, k = r.dissipation(), r.harmonics
+    assert lost.shape == (r.nu.size, 2 + len(system.springs))
+    factors = r.load_factor if branch else np.ones(r.nu.size)
+    for i in range(0, r.nu.size, 4):
+        nu, factor = r.nu[i], factors[i]
+        moved = np.outer([1, 1], k == 1) * (base or 0) * factor
+        y = r.coefficients[i] - moved
+        push = np.outer(load, k == 1) * factor + (k * nu) ** 2 * (np.diag([1, 2]) @ moved)
+        fed = np.pi * (k * (push * y.conj()).imag.sum(axis=0)).sum()
+        assert lost[i].sum() == pytest.approx(fed, rel=1e-5, abs=1e-9)
+        expected = _integrated(system, nu, k, y)
+        for j, group in enumerate(system.groups, start=1):
+            if group.kernel is not None:
+                expected[j] = lost[i, j]
+        assert lost[i] == pytest.approx(expected, rel=1e-6, abs=1e-7 * abs(fed))
+
+
+def test_a_large_system_loses_what_it_is_fed():
+    """One that is solved by few of its coordinates, shown in two of them; linear motions too."""
+    n = 8
+    chain = 2 * np.eye(n) - np.eye(n, k=1) - np.eye(n, k=-1)
+    system = vv.PolynomialSystem(
+        mass=np.ones(n), stiffness=chain, damping=0.05 * chain,
+        forces={"x1": "0.3*x1_dot^3 + 0.5*x1^3"},
+    )  # fmt: skip
+    load = np.zeros(n)
+    load[3] = 0.5
+    for method in ("newton", "linear"):
+        r = vv.forced_response(system, [0.4, 1.0], load=load, method=method)
+        lost = r.dissipation()
+        fed = -np.pi * 0.5 * r.coefficient("x4", 1).imag
+        assert lost.shape == (2, 2)
+        assert lost.sum(axis=1) == pytest.approx(fed, rel=1e-9)
+        assert (lost[:, 1] > 0).all() == (method == "newton")
+
+
+def test_a_mount_has_no_such_parts():
+    """Its springs are no groups; said, not guessed."""
+    mount = vv.Mount(mass=1, inertia=0.1, offset=0.5, stiffness_x=10, stiffness_phi=2)
+    r = vv.forced_response(mount, [1.0], load=0.1)
+    with pytest.raises(vv.InputError, match=r"is of a PolynomialSystem.*this is of Mount"):
+        r.dissipation()

@@ -8,6 +8,7 @@ from referee.case import Case, Claim, even, few
 JUDGES = (
     "Iwan", "Iwan.loop", "Iwan.energy", "BoucWen", "BoucWen.loop", "BoucWen.energy", "Dahl",
     "Dahl.loop", "Dahl.energy", "Gap", "Gap.force", "Stop", "Stop.force",
+    "Response.dissipation", "Branch.dissipation",
 )  # fmt: skip
 
 
@@ -127,8 +128,44 @@ x, k, ok, lost = r.coefficients[0], r.harmonics, r.converged[0], r.dissipation()
     return Case(call, judge)
 
 
+def _parts(rng, index):
+    """What load and base feed is what dampers, laws of rates and kernels of a system lose."""
+    laws = {
+        "x1": f"{few(rng, 0.05, 1)}*x1_dot*abs(x1_dot) + {few(rng, 0.1, 2)}*x1^3",
+        "x2": f"{few(rng, 0.05, 0.5)}*tanh(x2_dot/{few(rng, 0.2, 2)}) + 0.2*sin(x2 - x1)",
+    }
+    load, base, nu = few(rng, 0.3, 5), few(rng, 0.01, 0.3), few(rng, 0.3, 3)
+    weight, rate = even(rng, 0.05, 0.4, 2), few(rng, 0.3, 3)
+    call = f"""springs = [vv.Springs(stiffness=[[1, -1], [-1, 1]], forces={{"x1": "0.3*(x1 - x2)^3", "x2": "0.3*(x2 - x1)^3"}},
+                      kernel=vv.PronyKernel(weights=[{weight}], rates=[{rate}]))]
+s = vv.PolynomialSystem(mass=[1, 2], stiffness=[1, 0.5], damping=[0.05, 0.02], forces={laws}, springs=springs,
+                        base_direction=[1, 1])
+given = dict(load=[{load}, 0], base={base}, harmonics=21)
+r = vv.forced_response(s, [{nu}], method="newton", **given)
+b = vv.trace_response(s, load_range=(0.5, 1), nu={nu}, stability=False, max_points=4, **given)
+x, k, ok, lost = r.coefficients[0], r.harmonics, r.converged[0], r.dissipation()[0]
+y, kept, factor, told = b.coefficients[-1], b.harmonics, b.load_factor[-1], b.dissipation()[-1]
+"""
+
+    def judge(names, told):
+        motions = [("Branch", names["y"], names["kept"], names["factor"], names["told"])]
+        if names["ok"]:
+            motions.append(("Response", names["x"], names["k"], 1.0, names["lost"]))
+        for name, x, k, factor, lost in motions:
+            moved = np.outer([1, 1], k == 1) * base * factor
+            push = np.outer([load, 0], k == 1) * factor + np.array([[1], [2]]) * nu**2 * moved
+            fed = float(np.pi * (k * (push * (x - moved).conj()).imag.sum(axis=0)).sum())
+            size = float(np.pi * (np.abs(push).sum(axis=1) * np.abs(x - moved).sum(axis=1)).sum())
+            yield Claim(f"{name}.dissipation", float(np.sum(lost)), fed, 1e-5 * size, damage=1)
+            yield Claim(f"{name} losses", bool((lost >= -1e-9 * size).all()), True)
+
+    return Case(call, judge)
+
+
 def case(rng, index):
     """Draw an element and a cycle of deflections, or a structure that two elements damp."""
+    if index % 7 == 4:
+        return _parts(rng, index)
     if index % 7 == 5:
         return _fed(rng, index)
     return _contact(rng, index) if index % 7 == 6 else _loop(rng, index)

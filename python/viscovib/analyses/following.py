@@ -31,6 +31,7 @@ from viscovib.results.curves import (
     located_crossings,
     range_of,
 )
+from viscovib.results.dissipation import Parts
 from viscovib.results.structure_results import StructureBranch
 from viscovib.results.structure_view import View
 from viscovib.systems.load import LoadLike
@@ -335,6 +336,7 @@ def _branch(
         _job=job,
         _tolerance=tolerance,
         _allowed=allowed,
+        _parts=Parts(system, shown.job[-2], shown.job[-1][-1]),
     )
     worst = int(branch.truncation.argmax())
     _warn_above(

@@ -25,6 +25,7 @@ from viscovib.common.periodic_motions import power_of_fall
 from viscovib.common.plan import Plan
 from viscovib.common.progress import progress_bar
 from viscovib.errors import ConvergenceWarning, InputError, caller
+from viscovib.results.dissipation import Parts
 from viscovib.results.response import Response
 from viscovib.results.structure_results import StructureResponse
 from viscovib.results.structure_view import View
@@ -102,6 +103,7 @@ def mount_response(
         "_job": job,
         "_tolerance": float(options[2][0]),
         "_allowed": _joined(parts, 10),
+        "_parts": Parts(system, job[-2], job[-1][-1]),
     }
     if stability:
         given |= _stability_of(parts, _joined(parts, 1) == 0)

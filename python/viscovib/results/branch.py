@@ -18,6 +18,7 @@ from viscovib.common.plan import Plan, wanted_places
 from viscovib.common.tables import Table, listed_units
 from viscovib.errors import InputError
 from viscovib.results.curves import BranchPoint, Crossing, Curve, branch_notes
+from viscovib.results.dissipation import Parts
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -130,6 +131,8 @@ class Branch(PeriodicMotions, Curve):
     _tolerance: float = field(repr=False)
     #: Relative error allowed of each motion, with what is allowed besides.
     _allowed: FloatArray = field(repr=False)
+    #: What takes energy from the motions.
+    _parts: Parts | None = field(default=None, repr=False)
 
     @property
     def _circular(self) -> bool:
@@ -177,6 +180,25 @@ class Branch(PeriodicMotions, Curve):
             d + 1, j + 1, low, high, 1, cancel,
         )  # fmt: skip
         return (at, size) if found else None
+
+    def dissipation(self) -> FloatArray:
+        """As of `Response`; of a branch over the frequency or the load."""
+        self._check_loses()
+        assert self._parts is not None
+        return self._parts.dissipated(
+            self.nu, self.harmonics, self._whole(), self.load_factor, linear=False
+        )
+
+    def _check_loses(self) -> None:
+        if self.varies not in ("nu", "load_factor"):
+            raise InputError(
+                f"dissipation: the system changes along a branch over {self.varies}, must be one "
+                "over nu or load_factor"
+            )
+
+    def _whole(self) -> ComplexArray:
+        """X_k of all coordinates."""
+        return self.coefficients
 
     def to_dataset(self) -> xr.Dataset:
         """Everything as an xarray Dataset over the points."""

@@ -1,13 +1,18 @@
-"""Energy that elements of a structure take from periodic motions in a period."""
+"""Energy that elements of a structure, or parts of a system, take from periodic motions."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from viscovib._native import ComplexArray, FloatArray, core
+from viscovib.errors import InputError
 from viscovib.results.structure_view import View
+from viscovib.systems.laws import Law
+from viscovib.systems.polynomial_system import PolynomialSystem
+from viscovib.systems.spring_groups import SpringGroup
 
 #: Samples of a period for each order, at least so many, and of laws with kinks or jumps.
 _PER_ORDER, _FEWEST, _KINKED = 16, 1024, 16384
@@ -15,18 +20,83 @@ _PER_ORDER, _FEWEST, _KINKED = 16, 1024, 16384
 _DEPENDENT = 1e-9
 
 
+@dataclass(frozen=True)
+class Parts:
+    """A system, and how its base moves: what of it takes energy from its motions.
+
+    ``orders``, ``base``: harmonics of the base motion for a load factor of 1.
+    """
+
+    system: Any
+    orders: Any
+    base: ComplexArray
+
+    def dissipated(
+        self, nu: FloatArray, orders: Any, x: ComplexArray, factors: FloatArray, *, linear: bool
+    ) -> FloatArray:
+        """Energy lost in a period by dampers and by each group of springs, shape (n, 1 + n_groups).
+
+        ``x``: harmonics of all coordinates, shape (n, n_dof, m); ``linear``: of the linear forces.
+        """
+        system = self.system
+        if not isinstance(system, PolynomialSystem) or system._turns:
+            raise InputError(
+                "dissipation: is of a PolynomialSystem, a Structure, or a Body with geometry = "
+                f"'small', this is of {type(system).__name__}"
+            )
+        y = x
+        direction = system._base_direction
+        if direction is not None and np.any(self.base):
+            y = x.copy()
+            for order, wave in zip(self.orders, self.base, strict=True):
+                y[:, :, orders == order] -= np.outer(factors, direction * wave)[:, :, np.newaxis]
+        lost = np.full((nu.size, 1 + len(system.groups)), np.nan)
+        damping = np.asarray(system.damping, dtype=float)
+        for i in np.flatnonzero(np.isfinite(y).all(axis=(1, 2))):
+            power = np.einsum("ak,ab,bk->k", y[i].conj(), damping, y[i]).real
+            lost[i, 0] = np.pi * nu[i] * (orders**2 * power).sum()
+            for column, group in enumerate(system.groups, start=1):
+                lost[i, column] = _of_group(group, float(nu[i]), orders, y[i], linear)
+        return lost
+
+
+def _of_group(group: SpringGroup, nu: float, orders: Any, y: ComplexArray, linear: bool) -> float:
+    """Of springs with one kernel or none: K u, its forces and laws, and what these have of C."""
+    stiffness, n = group.stiffness, y.shape[0]
+    laws, forces = (group.laws, group.forces) if not linear else ((), {})
+    if group.kernel is None:
+        # What is symmetric gives back what it takes.
+        stiffness = 0.5 * (stiffness - stiffness.T)
+    if not (stiffness.any() or laws or forces or group.law_damping is not None):
+        return 0.0
+    theta, at, rate = _samples(orders, nu, y, any(law.branches for _, law in laws))
+    force = at @ stiffness.T
+    if group.law_damping is not None:
+        force += rate @ group.law_damping.T
+    for (on, powers), c in forces.items():
+        force[:, on] += c * np.prod(at ** np.array(powers), axis=1)
+    both = np.concatenate([at, rate], axis=1)
+    for on, law in laws:
+        force[:, on] += _values(law, both, False)
+    return sum(
+        _work(force[:, a], rate[:, a], theta, nu, orders, y[a], group.kernel) for a in range(n)
+    )
+
+
 def dissipated(
-    view: View, nu: FloatArray, orders: Any, y: ComplexArray, factors: FloatArray
-) -> FloatArray:
+    view: View, nu: FloatArray, orders: Any, y: ComplexArray, factors: FloatArray,
+    *, linear: bool = False,
+) -> FloatArray:  # fmt: skip
     """Energy lost in a period by each element, shape (n, n_elements).
 
-    ``y``: harmonics of the condensed coordinates relative to the base, shape (n, q, m).
+    ``y``: harmonics of the condensed coordinates relative to the base, shape (n, q, m);
+    ``linear``: by its forces linearized at rest, as those of linear motions are.
     """
     lost = np.full((nu.size, len(view.elements)), np.nan)
     for column, terms in enumerate(view.elements):
         d = _deflections(view, terms, nu, orders, y, factors)
         for i in np.flatnonzero(np.isfinite(d).all(axis=(1, 2))):
-            lost[i, column] = _lost(terms, float(nu[i]), orders, d[i])
+            lost[i, column] = _lost(terms, float(nu[i]), orders, d[i], linear)
     return lost
 
 
@@ -52,24 +122,34 @@ def _deflections(
     return np.stack(found, axis=1)
 
 
-def _lost(terms: Any, nu: float, orders: Any, d: ComplexArray) -> float:
+def _lost(terms: Any, nu: float, orders: Any, d: ComplexArray, linear: bool) -> float:
     """Of one motion: pi sum_k k Im(F_k conj(D_k)) with the harmonics F_k of the forces."""
     if hasattr(terms, "directions"):
-        return _of_coupling(terms, nu, orders, d)
+        # It has no linear part.
+        return 0.0 if linear else _of_coupling(terms, nu, orders, d)
     own = d[0]
     work = float(np.pi * nu * terms.damping * (orders**2 * np.abs(own) ** 2).sum())
     law = terms.law
     if law is not None and law.state:
-        return work + _of_hysteresis(law, orders, own)
+        # About rest a slider sticks.
+        return work if linear else work + _of_hysteresis(law, orders, own)
     if terms.kernel is None and (law is None or max(law.places, default=0) < 1):
         # A force that follows from the deflection alone gives back what it takes.
         return work
-    kinked = law is not None and law.branches
+    kinked = law is not None and law.branches and not linear
     theta, at, rate = _samples(orders, nu, d, kinked)
-    force = sum((c * at[:, 0] ** power for power, c in terms.powers.items()), 0 * at[:, 0])
+    powers = {power: c for power, c in terms.powers.items() if power == 1 or not linear}
+    force = sum((c * at[:, 0] ** power for power, c in powers.items()), 0 * at[:, 0])
     if law is not None:
-        force = force + law(np.stack([at[:, 0], rate[:, 0]], axis=1)[:, : len(law.arguments)])[0]
+        both = np.stack([at[:, 0], rate[:, 0]], axis=1)
+        force = force + _values(law, both, linear)
     return work + _work(force, rate[:, 0], theta, nu, orders, own, terms.kernel)
+
+
+def _values(law: Law, at: FloatArray, linear: bool) -> FloatArray:
+    """A law at samples of its arguments, or what is linear in it at rest."""
+    at = at[:, : len(law.arguments)]
+    return at @ law.slopes_at_rest if linear else law(at)[0]
 
 
 def _of_coupling(terms: Any, nu: float, orders: Any, d: ComplexArray) -> float:
@@ -79,8 +159,7 @@ def _of_coupling(terms: Any, nu: float, orders: Any, d: ComplexArray) -> float:
     for (on, powers), c in terms.forces.items():
         force[:, on] += c * np.prod(at**powers, axis=1)
     for on, law in terms.programs:
-        arguments = np.concatenate([at, rate], axis=1)[:, : len(law.arguments)]
-        force[:, on] += law(arguments)[0]
+        force[:, on] += _values(law, np.concatenate([at, rate], axis=1), False)
     return sum(
         _work(force[:, a], rate[:, a], theta, nu, orders, d[a], terms.kernel)
         for a in range(d.shape[0])

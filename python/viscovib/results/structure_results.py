@@ -18,6 +18,7 @@ from viscovib.results.dissipation import dissipated
 from viscovib.results.response import Response
 from viscovib.results.structure_view import View
 from viscovib.systems.condensed import LoadedStructure
+from viscovib.systems.polynomial_system import PolynomialSystem
 
 
 class _OfStructure:
@@ -67,6 +68,13 @@ class _OfStructure:
     def _warn_of_reduction(self) -> None:
         _warn_of_reduction(self)
 
+    def _whole(self) -> ComplexArray:
+        """X_k of all coordinates."""
+        view = _known(self._view)
+        all_of_them = view.at(view.all_names)
+        nu, orders = self.nu, self.harmonics  # type: ignore[attr-defined]
+        return all_of_them.expand(nu, orders, self._condensed, self._factors)
+
     def at(self, coordinates: Sequence[str]) -> Self:
         """The same motions in other coordinates of the structure."""
         view = _known(self._view).at(coordinates)
@@ -100,8 +108,9 @@ class StructureResponse(_OfStructure, Response):
         sliders lose, pi sum_k k Im(F_k conj(D_k)) with the harmonics of its force and of its
         deflection relative to the base; of a `Jenkins` element 4 F_s (a - F_s/k) at an amplitude
         a beyond F_s/k. Losses of the structure's own damping, and of memory in its matrices, are
-        not among them. Exact for the harmonics kept; laws with kinks or jumps from 16384 samples
-        of the period, to about 1e-6. NaN where no motion was found.
+        not among them. Of a `PolynomialSystem` as of `Response`. Exact for the harmonics kept; laws
+        with kinks or jumps from 16384 samples of the period, to about 1e-6. NaN where no motion was
+        found.
 
         Examples
         --------
@@ -116,8 +125,13 @@ class StructureResponse(_OfStructure, Response):
         >>> bool(abs(r.dissipation()[0, 0] - 4 * 0.3 * (amplitude - 0.3 / 20)) < 1e-12)
         True
         """
+        if self._parts is not None and isinstance(self._parts.system, PolynomialSystem):
+            return super().dissipation()
         ones = np.ones(self.nu.size)
-        return dissipated(_known(self._view), self.nu, self.harmonics, self._condensed, ones)
+        linear = self.method == "linear"
+        return dissipated(
+            _known(self._view), self.nu, self.harmonics, self._condensed, ones, linear=linear
+        )
 
     def _linear_sizes(self, d: int, j: int, nu: FloatArray) -> FloatArray:
         view = _known(self._view)
@@ -171,11 +185,9 @@ class StructureBranch(_OfStructure, Branch):
 
     def dissipation(self) -> FloatArray:
         """As of `StructureResponse`; of a branch over the frequency or the load."""
-        if self.varies not in ("nu", "load_factor"):
-            raise InputError(
-                f"dissipation: elements change along a branch over {self.varies}, must be one over "
-                "nu or load_factor"
-            )
+        if self._parts is not None and isinstance(self._parts.system, PolynomialSystem):
+            return super().dissipation()
+        self._check_loses()
         return dissipated(
             _known(self._view), self.nu, self.harmonics, self._condensed, self.load_factor
         )
