@@ -1,13 +1,14 @@
 !> Instructions of force laws: what each takes and gives, its derivatives, parity and degree.
 !!
 !! Outside the domain of a function, as beside 0 of a quotient, the value is a wall too high for any
-!! motion, so that no solution lies there and no number that is none comes about.
+!! motion, so that no solution lies there and no number that is none comes about. What other
+!! functions make of a value outside a domain is the wall again (viscovib_law_program).
 module viscovib_law_functions
   use viscovib_kinds, only: wp
   implicit none
   private
 
-  public :: branches, degree_of, of_one, of_two, operands, parity_of, within
+  public :: bounded, branches, degree_of, leaves, of_one, of_two, operands, parity_of, within
 
   !> The value outside a domain, and the largest argument of exp.
   real(wp), parameter, public :: wall = 1.0e60_wp, steepest = 138.0_wp
@@ -63,6 +64,30 @@ contains
                .or. (code >= f_less .and. code <= f_atleast)
   end function branches
 
+  !> Whether an instruction has a domain that ends: beyond it there is no number, not a large one.
+  elemental logical function bounded(code)
+    integer, intent(in) :: code
+    bounded = any(code == [power, known_power, f_asin, f_acos, f_acosh, f_atanh, f_log, f_sqrt])
+  end function bounded
+
+  !> Whether its operand, the first of two, is beyond its domain.
+  elemental logical function leaves(code, number, x)
+    integer, intent(in) :: code
+    real(wp), intent(in) :: number, x
+    select case (code)
+    case (f_asin, f_acos)
+      leaves = abs(x) > 1.0_wp
+    case (f_acosh)
+      leaves = x < 1.0_wp
+    case (f_atanh)
+      leaves = abs(x) >= 1.0_wp
+    case (known_power)
+      leaves = x < 0.0_wp .and. .not. is_whole(number)
+    case default
+      leaves = x < 0.0_wp .and. bounded(code)
+    end select
+  end function leaves
+
   !> No larger than the wall, so that a product of two is a number.
   elemental real(wp) function within(x)
     real(wp), intent(in) :: x
@@ -89,7 +114,11 @@ contains
         value = merge(0.0_wp, 1.0_wp, y > 0.0_wp)
         return
       end if
-      if (abs(y*log(x)) > steepest) return
+      if (abs(y*log(x)) > steepest) then
+        ! Too high, or 0.
+        if (y*log(x) < 0.0_wp) value = 0.0_wp
+        return
+      end if
       value = x**y
       by = [y*x**(y - 1.0_wp), value*log(x)]
     case (f_atan2)
@@ -214,7 +243,7 @@ contains
     end if
   end subroutine of_power
 
-  pure logical function is_whole(number)
+  elemental logical function is_whole(number)
     real(wp), intent(in) :: number
     is_whole = abs(number - anint(number)) <= 0.0_wp .and. abs(number) < 1.0e6_wp
   end function is_whole

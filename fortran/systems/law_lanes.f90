@@ -6,11 +6,11 @@
 module viscovib_law_lanes
   use viscovib_kinds, only: wp
   use viscovib_lanes, only: n_lanes
-  use viscovib_law_program, only: add, divide, f_abs, f_atleast, f_atmost, f_cos, f_exp, &
+  use viscovib_law_program, only: add, bounded, divide, f_abs, f_atleast, f_atmost, f_cos, f_exp, &
     f_heaviside, f_less, f_log, f_max, f_min, f_more, f_sign, f_sin, f_sqrt, f_tanh, f_where, &
-    first_of_two, known_power, law_program, multiply, negate, number_for_one, number_for_two, &
-    of_one, of_two, operands, put_argument, put_number, second_of_two, square, steepest, subtract, &
-    wall
+    first_of_two, known_power, law_program, leaves, mark_outside, multiply, negate, &
+    number_for_one, number_for_two, of_one, of_two, operands, put_argument, put_number, &
+    second_of_two, square, steepest, subtract, wall
   use viscovib_law_term, only: law_term
   use viscovib_vector_math, only: exponential_lanes, largest_angle, logarithm_lanes, &
     sine_cosine_lanes, tangent_lanes
@@ -62,26 +62,33 @@ contains
     real(wp), intent(out) :: value(n_lanes)
     real(wp) :: x(n_lanes, usual_depth)
     real(wp), allocatable :: deep(:, :)
+    logical :: outside(n_lanes, usual_depth)
+    logical, allocatable :: deep_outside(:, :)
 
     ! Room on the stack: to ask for memory takes as long as some instructions.
     if (law%depth + 2 <= usual_depth) then
-      call run_lanes(size(law%code), law%code, law%number, arguments, x)
+      call run_lanes(size(law%code), law%code, law%number, arguments, usual_depth, x, outside)
       value = x(:, 1)
     else
-      allocate (deep(n_lanes, law%depth + 2))
-      call run_lanes(size(law%code), law%code, law%number, arguments, deep)
+      allocate (deep(n_lanes, law%depth + 2), deep_outside(n_lanes, law%depth + 2))
+      call run_lanes(size(law%code), law%code, law%number, arguments, law%depth + 2, deep, &
+                     deep_outside)
       value = deep(:, 1)
     end if
   end subroutine evaluate_lanes
 
   !> Most instructions of a law are a few sums and products, made here; with a number they take it
   !! as it is.
-  pure subroutine run_lanes(n, code, number, arguments, x)
-    integer, intent(in) :: n, code(n)
+  pure subroutine run_lanes(n, code, number, arguments, m, x, outside)
+    integer, intent(in) :: n, code(n), m
     real(wp), intent(in) :: number(n), arguments(n_lanes, *)
-    real(wp), intent(inout) :: x(n_lanes, *)
+    real(wp), intent(inout) :: x(n_lanes, m)
+    !> Room for which lanes are beyond a domain, once any is.
+    logical, intent(inout) :: outside(n_lanes, m)
     integer :: i, next, top
+    logical :: left
 
+    left = .false.
     top = 0
     i = 0
     do while (i < n)
@@ -90,6 +97,7 @@ contains
       case (put_argument)
         top = top + 1
         x(:, top) = arguments(:, int(number(i)))
+        if (left) outside(:, top) = .false.
       case (put_number)
         next = put_number
         if (i < n .and. top > 0) next = code(i + 1)
@@ -105,21 +113,29 @@ contains
           i = i - 1
           top = top + 1
           x(:, top) = number(i)
+          if (left) outside(:, top) = .false.
         end select
-      case (multiply)
+      case (multiply, add, subtract)
         top = top - 1
-        x(:, top) = min(max(x(:, top)*x(:, top + 1), -wall), wall)
-      case (add)
-        top = top - 1
-        x(:, top) = x(:, top) + x(:, top + 1)
-      case (subtract)
-        top = top - 1
-        x(:, top) = x(:, top) - x(:, top + 1)
+        if (left) outside(:, top) = outside(:, top) .or. outside(:, top + 1)
+        if (code(i) == multiply) then
+          x(:, top) = min(max(x(:, top)*x(:, top + 1), -wall), wall)
+        else if (code(i) == add) then
+          x(:, top) = x(:, top) + x(:, top + 1)
+        else
+          x(:, top) = x(:, top) - x(:, top + 1)
+        end if
       case default
         top = top - operands(code(i)) + 1
+        if (bounded(code(i)) .and. .not. left) then
+          left = any(leaves(code(i), number(i), x(:, top)))
+          if (left) outside = .false.
+        end if
+        if (left) call mark_outside(code(i), number(i), n_lanes, x(1, top), outside(1, top))
         call instruct(code(i), number(i), x(1, top))
       end select
     end do
+    if (left) x(:, 1) = merge(wall, x(:, 1), outside(:, 1))
   end subroutine run_lanes
 
   !> One instruction: its operands stand in the columns of x, its value goes in the first.

@@ -2,26 +2,28 @@
 !!
 !! A law is a list of instructions for a stack: numbers and arguments are put on it, functions take
 !! what is on top and leave their value. Each value carries its derivatives by all arguments
-!! (forward differentiation: each function's chain rule).
+!! (forward differentiation: each function's chain rule). Where a function is beyond its domain all
+!! that follows from it is undefined: the law is a wall there, whatever other functions made of it.
 module viscovib_law_program
   use viscovib_kinds, only: wp
   use viscovib_lanes, only: n_lanes
-  use viscovib_law_functions, only: add, branches, degree_of, divide, f_abs, f_atleast, f_atmost, &
-    f_cos, f_exp, f_heaviside, f_less, f_log, f_max, f_min, f_more, f_pow, f_sign, f_sin, f_sqrt, &
-    f_tanh, f_where, first_function, first_of_two, functions, known_power, multiply, negate, &
-    number_for_one, number_for_two, of_one, of_two, operands, parity_of, power, put_argument, &
-    put_number, second_of_two, square, steepest, subtract, wall, within
+  use viscovib_law_functions, only: add, bounded, branches, degree_of, divide, f_abs, f_atleast, &
+    f_atmost, f_cos, f_exp, f_heaviside, f_less, f_log, f_max, f_min, f_more, f_pow, f_sign, &
+    f_sin, f_sqrt, f_tanh, f_where, first_function, first_of_two, functions, known_power, leaves, &
+    multiply, negate, number_for_one, number_for_two, of_one, of_two, operands, parity_of, power, &
+    put_argument, put_number, second_of_two, square, steepest, subtract, wall, within
   use viscovib_vector_math, only: exponential_lanes, largest_angle, logarithm_lanes, &
     sine_cosine_lanes, tangent_lanes
   implicit none
   private
 
-  public :: law_program
-  public :: add, branches, degree_of, divide, f_abs, f_atleast, f_atmost, f_cos, f_exp, &
+  public :: law_program, mark_outside
+  public :: add, bounded, branches, degree_of, divide, f_abs, f_atleast, f_atmost, f_cos, f_exp, &
             f_heaviside, f_less, f_log, f_max, f_min, f_more, f_pow, f_sign, f_sin, f_sqrt, &
-            f_tanh, f_where, first_function, first_of_two, functions, known_power, multiply, &
-            negate, number_for_one, number_for_two, of_one, of_two, operands, parity_of, power, &
-            put_argument, put_number, second_of_two, square, steepest, subtract, wall
+            f_tanh, f_where, first_function, first_of_two, functions, known_power, leaves, &
+            multiply, negate, number_for_one, number_for_two, of_one, of_two, operands, &
+            parity_of, power, put_argument, put_number, second_of_two, square, steepest, &
+            subtract, wall
 
   type :: law_program
     integer :: n_arguments = 0
@@ -83,17 +85,60 @@ contains
     real(wp), intent(out) :: value(:), slopes(:, :)
     real(wp) :: x(size(value), self%depth + 2)
     real(wp) :: dx(size(value), size(slopes, 2), self%depth + 2)
-    integer :: i, top
+    integer :: i, k, top
+    !> Whether any sample left the domain of a function so far, and since then which are outside.
+    logical :: left, outside(size(value), self%depth + 2)
 
     top = 0
+    left = .false.
     do i = 1, size(self%code)
       top = top - operands(self%code(i)) + 1
+      if (bounded(self%code(i)) .and. .not. left) then
+        left = any(leaves(self%code(i), self%number(i), x(:, top)))
+        if (left) outside = .false.
+      end if
+      if (left) call mark_outside(self%code(i), self%number(i), size(value), x(:, top:), &
+                                  outside(:, top:))
       call step(self%code(i), self%number(i), arguments, size(value), size(slopes, 2), x(:, top:), &
                 dx(:, :, top:))
     end do
     value = x(:, 1)
     slopes = dx(:, :, 1)
+    if (.not. left) return
+    do k = 1, size(value)
+      if (.not. outside(k, 1)) cycle
+      value(k) = wall
+      slopes(k, :) = 0.0_wp
+    end do
   end subroutine run
+
+  !> Mark samples in which something that counts is beyond the domain of a function, before an
+  !! instruction. What `where` and a held branch leave aside does not count.
+  pure subroutine mark_outside(code, number, n, x, outside)
+    integer, intent(in) :: code, n
+    real(wp), intent(in) :: number
+    !> Its operands.
+    real(wp), intent(in) :: x(n, *)
+    !> Of its operands; the first becomes that of its value.
+    logical, intent(inout) :: outside(n, *)
+    integer :: k
+
+    select case (code)
+    case (put_number, put_argument, number_for_one, number_for_two)
+      outside(:, 1) = .false.
+    case (first_of_two)
+      return
+    case (second_of_two)
+      outside(:, 1) = outside(:, 2)
+    case (f_where)
+      do k = 1, n
+        outside(k, 1) = outside(k, 1) .or. outside(k, merge(2, 3, abs(x(k, 1)) > 0.0_wp))
+      end do
+    case default
+      if (bounded(code)) outside(:, 1) = outside(:, 1) .or. leaves(code, number, x(:, 1))
+      if (operands(code) == 2) outside(:, 1) = outside(:, 1) .or. outside(:, 2)
+    end select
+  end subroutine mark_outside
 
   !> One instruction: its operands stand in x from the first column on, where its value goes.
   pure subroutine step(code, number, arguments, n, m, x, dx)

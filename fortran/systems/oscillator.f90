@@ -247,10 +247,11 @@ contains
     coupled = coupled .or. transpose(coupled)
   end function linear_coupling
 
-  !> Amplitudes beyond this have powers that could leave the range of numbers.
+  !> Amplitudes beyond this have powers that could leave the range of numbers, or lean on the wall
+  !! of a law outside its domain.
   pure real(wp) function largest_amplitude(self)
     class(oscillator_type), intent(in) :: self
-    largest_amplitude = 10.0_wp**(180/max(self%degree, 3))
+    largest_amplitude = 10.0_wp**min(180/max(self%degree, 3), 40)
   end function largest_amplitude
 
   !> 1 - (R_c - i R_s) at each circular frequency, a column for each

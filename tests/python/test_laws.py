@@ -122,6 +122,39 @@ def test_outside_the_domain_is_a_wall():
     assert np.isfinite(run.state).all()
 
 
+@pytest.mark.parametrize(
+    "text",
+    [
+        "tanh(log(1 + d))",
+        "d/(1 + 1/(3 + sqrt(1 + d)))",
+        "min(d, acosh(2 + d))",
+        "where(asin(-d) < 0, d, 2*d)",
+        "d*exp(-(1 + d)^1.5)",
+        "sin(d)*(sign(atanh(-d)) + pow(1 + d, 0.5 + d^2))",
+    ],
+)
+def test_no_function_hides_what_has_no_value(text):
+    """Beyond -1 a part has no value: then the law has none, whatever other parts make of it."""
+    law = read_law("law", text, ("d",), {})
+    value, slopes = law(np.array([[-0.9], [-1.1], [0.3]]))
+    assert value[1] == 1e60
+    assert slopes[1, 0] == 0
+    assert np.abs(value[[0, 2]]).max() < 10
+    system = vv.PolynomialSystem(mass=1, stiffness=1, damping=0.2, forces=text.replace("d", "x"))
+    with pytest.warns(vv.ConvergenceWarning):
+        found = vv.forced_response(system, [0.9], load=20, method="newton", harmonics=9)
+    assert not found.converged.any()
+
+
+def test_what_where_leaves_aside_needs_no_value():
+    """A root on the side that `where` does not take does not count."""
+    law = read_law("law", "where(d > 0, d + d^1.5, d/(2 - exp(900*d)))", ("d",), {})
+    at = np.array([-0.5, 0.25, 2.0])
+    assert law(at[:, np.newaxis])[0] == pytest.approx([-0.25, 0.375, 2 + 2**1.5], rel=1e-15)
+    law = read_law("law", "d*(1 + d)^(9000 + d)", ("d",), {})
+    assert law(np.array([[-0.5]]))[0] == 0
+
+
 def settled(force, nu, load, c, k, periods=80):
     """A steady motion by SciPy, after a long while."""
     period = 2 * np.pi / nu
