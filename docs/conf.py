@@ -4,6 +4,7 @@ import sys
 from pathlib import Path
 
 import viscovib
+from viscovib.common.curve_options import OPTIONS
 
 HERE = Path(__file__).parent
 sys.path.insert(0, str(HERE / "_extensions"))
@@ -27,7 +28,20 @@ extensions = [
 exclude_patterns = ["_*", "ford.md", "paper.md", "examples/short", "**/sg_execution_times.rst"]
 templates_path = ["_templates"]
 
-myst_enable_extensions = ["colon_fence", "deflist", "dollarmath"]
+myst_enable_extensions = ["colon_fence", "deflist", "dollarmath", "substitution"]
+# What the page of scenes says of them stands where they are made.
+myst_substitutions = {
+    "curve_options": "\n".join(
+        [
+            "| key | default | allowed | |",
+            "| --- | --- | --- | --- |",
+            *(
+                f"| `{name}` | {one.default:g} | {one.lowest:g} to {one.highest:g} | {one.text} |"
+                for name, one in OPTIONS.items()
+            ),
+        ]
+    )
+}
 myst_heading_anchors = 4
 
 # Every name has a page of its own, made from its docstring.

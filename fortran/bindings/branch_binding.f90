@@ -114,7 +114,7 @@ subroutine mount_branch(flat, n_flat, kind_x, data_x, n_x, kind_phi, data_phi, n
   call make_system(system, vector, kind_x, data_x, kind_phi, data_phi, outcome)
   if (.not. outcome%failed()) call make_load(load, orders, series, outcome)
   if (.not. outcome%failed()) then
-    wanted = make_options(harmonics, [options%tolerance, options%absolute], 100, 1.0_c_double, 0)
+    wanted = make_options(harmonics, [options%tolerance, options%atol], 100, 1.0_c_double, 0)
     wanted%keep_idle = .true.
     wanted%symmetric = symmetric /= 0
     call new_response_plan(plan, system, load, [nu], method_newton, wanted, outcome)
@@ -197,26 +197,14 @@ subroutine mount_branch(flat, n_flat, kind_x, data_x, n_x, kind_phi, data_phi, n
 
 end subroutine mount_branch
 
-!> The options of curves: names between commas, and of each its default, the least and the most
-!! that are allowed, and 1 if it is a whole number; the words for how curves end, between commas.
-subroutine curve_words(names, n, numbers, endings)
-  use, intrinsic :: iso_c_binding, only: c_double, c_int
-  use viscovib_curve_branch, only: curve_outcomes, curve_table
+!> The words for how curves end, between commas.
+subroutine curve_words(endings)
+  use viscovib_curve_branch, only: curve_outcomes
   implicit none
-  character(len=512), intent(out) :: names, endings
-  integer(c_int), intent(out) :: n
-  real(c_double), intent(out) :: numbers(4, 16)
+  character(len=512), intent(out) :: endings
   integer :: i
 
-  names = ''
   endings = ''
-  numbers = 0.0_c_double
-  n = size(curve_table)
-  do i = 1, n
-    names = trim(names)//trim(curve_table(i)%name)//','
-    numbers(:, i) = [curve_table(i)%default, curve_table(i)%lowest, curve_table(i)%highest, &
-                     merge(1.0_c_double, 0.0_c_double, curve_table(i)%whole)]
-  end do
   do i = lbound(curve_outcomes, 1), ubound(curve_outcomes, 1)
     endings = trim(endings)//trim(curve_outcomes(i))//','
   end do

@@ -10,11 +10,12 @@ module viscovib_curve_branch
   use viscovib_curve_corrector, only: aim, compare, correct, corrector_type, new_corrector, &
     rounding_of, truncation_shift
   use viscovib_curve_events, only: locate_branch_point, locate_fold, locate_value, nowhere
+  use viscovib_curve_options, only: curve_options, curve_options_from, curve_table
   use viscovib_curve_point, only: angle_between, copy_point, curve_point, distance, new_point, &
     normalize, reverse
   use viscovib_curve_record, only: curve_branch_type, curve_closed, curve_completed, &
-    curve_fold_limit, curve_options, curve_options_from, curve_outcomes, curve_overflow, &
-    curve_returned, curve_step_limit, curve_stopped, curve_stuck, curve_table, curve_unphysical
+    curve_fold_limit, curve_outcomes, curve_overflow, curve_returned, curve_step_limit, &
+    curve_stopped, curve_stuck, curve_unphysical
   use viscovib_kinds, only: wp
   use viscovib_sized_curve, only: refitted, sized_curve_type
   use viscovib_stopping, only: begin_piece, is_set, stop_wanted
@@ -124,7 +125,7 @@ contains
     allocate (f%stops(0), f%places(0))
     if (allocated(options%stops)) f%stops = options%stops
     call new_corrector(f%corrector, curve, options%tolerance, &
-                       max(abs(options%start), abs(options%finish)), x, options%absolute)
+                       max(abs(options%start), abs(options%finish)), x, options%atol)
     do k = 1, size(f%points)
       call new_point(f%points(k), curve%n)
     end do
@@ -316,7 +317,7 @@ contains
     largest = f%corrector%largest
     p_scale = f%corrector%p_scale
     call new_corrector(f%corrector, f%curve, f%options%tolerance, p_scale, f%here%x, &
-                       f%options%absolute)
+                       f%options%atol)
     f%corrector%largest = largest
     if (branch%n_points > 1) call aim(f%corrector, f%before, f%here)
   end subroutine change_size

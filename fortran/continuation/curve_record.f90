@@ -1,15 +1,14 @@
-!> What following a curve takes and gives: options, the points of the branch, how it ended.
+!> What following a curve gives: the points of the branch, and how it ended.
 module viscovib_curve_record
   use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
   use viscovib_curve_events, only: empty, special_points
   use viscovib_curve_point, only: curve_point
   use viscovib_kinds, only: wp
-  use viscovib_limits, only: max_tolerance, min_tolerance
   use viscovib_sized_curve, only: refitted, sized_curve_type
   implicit none
   private
 
-  public :: curve_branch_type, curve_options, curve_options_from
+  public :: curve_branch_type
 
   !> How a branch ended: at the wanted end; back where it began; points used up; no
   !! step small enough; out of the range of numbers; at the end of what the equations
@@ -20,44 +19,6 @@ module viscovib_curve_record
   character(len=*), parameter, public :: curve_outcomes(0:8) = &
     [character(len=10) :: 'completed', 'returned', 'step limit', 'stuck', 'overflow', &
      'unphysical', 'closed', 'stopped', 'fold limit']
-
-  !> An option of curves: its name in scenes and in Python, its default and what is allowed.
-  type :: option_type
-    character(len=12) :: name
-    real(wp) :: default, lowest, highest
-    logical :: whole
-  end type option_type
-
-  !> All of them, in the order in which callers pass their values.
-  type(option_type), parameter, public :: curve_table(6) = &
-    [option_type('tolerance', 1.0e-10_wp, min_tolerance, max_tolerance, .false.), &
-     option_type('max_points', 2000.0_wp, 2.0_wp, 1.0e5_wp, .true.), &
-     option_type('max_step', 0.1_wp, 1.0e-4_wp, 1.0_wp, .false.), &
-     option_type('max_folds', 1.0e5_wp, 1.0_wp, 1.0e5_wp, .true.), &
-     option_type('angle', 0.12_wp, 0.01_wp, 0.3_wp, .false.), &
-     option_type('atol', 0.0_wp, 0.0_wp, 1.0e30_wp, .false.)]
-
-  type :: curve_options
-    !> Where p begins and ends; the branch also ends if p falls back behind its
-    !! beginning.
-    real(wp) :: start = 0.0_wp, finish = 0.0_wp
-    real(wp) :: tolerance = curve_table(1)%default
-    integer :: max_points = int(curve_table(2)%default)
-    !> Largest step, as a part of the present point.
-    real(wp) :: max_step = curve_table(3)%default
-    !> Values of p at each of which a point of the branch shall lie; none if not
-    !! allocated.
-    real(wp), allocatable :: stops(:)
-    !> The branch ends behind so many folds.
-    integer :: max_folds = int(curve_table(4)%default)
-    !> Wanted angle between successive tangents (rad).
-    real(wp) :: angle = curve_table(5)%default
-    !> Error of unknowns that is allowed besides, in their units.
-    real(wp) :: absolute = curve_table(6)%default
-  contains
-    procedure :: values
-    procedure :: set
-  end type curve_options
 
   type :: curve_branch_type
     integer :: n_points = 0, outcome = curve_completed
@@ -87,35 +48,6 @@ module viscovib_curve_record
   end type curve_branch_type
 
 contains
-
-  !> The values of `curve_table`, in its order.
-  pure function values(self)
-    class(curve_options), intent(in) :: self
-    real(wp) :: values(size(curve_table))
-    values = [self%tolerance, real(self%max_points, wp), self%max_step, real(self%max_folds, wp), &
-              self%angle, self%absolute]
-  end function values
-
-  pure subroutine set(self, values)
-    class(curve_options), intent(inout) :: self
-    real(wp), intent(in) :: values(:)
-    self%tolerance = values(1)
-    self%max_points = nint(values(2))
-    self%max_step = values(3)
-    self%max_folds = nint(values(4))
-    self%angle = values(5)
-    self%absolute = values(6)
-  end subroutine set
-
-  !> Options as callers pack them: start, finish, the values of `curve_table`, stops.
-  pure function curve_options_from(packed) result(options)
-    real(wp), intent(in) :: packed(:)
-    type(curve_options) :: options
-    options%start = packed(1)
-    options%finish = packed(2)
-    call options%set(packed(3:2 + size(curve_table)))
-    options%stops = packed(3 + size(curve_table):)
-  end function curve_options_from
 
   !> Make room for so many points of n unknowns, of as many as are ever kept where their number is
   !! chosen.

@@ -42,7 +42,7 @@ contains
     job%options%keep_idle = .true.
     call read_curve(reader, job%curve)
     job%options%tolerance = job%curve%tolerance
-    job%options%absolute = job%curve%absolute
+    job%options%absolute = job%curve%atol
     job%stability = read_yes(reader, 'stability')
     if (reader%status%failed()) return
     if (choice > 1) then

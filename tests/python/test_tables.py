@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 import viscovib as vv
+from viscovib.common.curve_options import OPTIONS
 
 ROOT = Path(__file__).parents[2]
 SCENES = ROOT / "data" / "scenes"
@@ -30,7 +31,7 @@ MORE = {
     "folded": """&system coordinates='x' mass=1 stiffness=1 damping=0.1 /
 &force on='x' law='x^3' /
 &load amplitude=0.3 /
-&branch nu_from=0.4 nu_to=2.5 max_folds=1 angle=0.06 /
+&branch nu_from=0.4 nu_to=2.5 {} /
 """,
     "diverged": """&mount mass=1 inertia=0.1 offset=0.5 stiffness_x=10 stiffness_phi=2 /
 &load amplitude=2 /
@@ -70,6 +71,9 @@ MORE = {
 &spectrum coordinates='psi' window='flat_top' discard=5 /
 """,
 }
+#: Each option of curves reaches both.
+FOLDED = MORE.pop("folded")
+MORE |= {name: FOLDED.format(f"{name}={one.other!r}") for name, one in OPTIONS.items()}
 
 
 def _compare(scene, folder):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TypedDict, Unpack, overload
+from typing import Unpack, overload
 
 import numpy.typing as npt
 
@@ -13,7 +13,14 @@ from viscovib.analyses.driven_branch import DrivenBranch, trace_pendulum
 from viscovib.analyses.following import trace_mount
 from viscovib.analyses.pendulum_backbone import pendulum_backbone
 from viscovib.analyses.starts import StartLike
-from viscovib.common.parameters import OSCILLATOR, PENDULUM, Taken, with_rtol
+from viscovib.common.curve_options import CurveKeywords
+from viscovib.common.parameters import (
+    OSCILLATOR,
+    PENDULUM,
+    Taken,
+    with_curve,
+    with_curve_options,
+)
 from viscovib.results.branch import Branch
 from viscovib.results.curves import BranchPoint
 from viscovib.systems.load import LoadLike
@@ -24,17 +31,11 @@ from viscovib.systems.polynomial_system import PolynomialSystem
 from viscovib.systems.structure import Structure
 
 
-class _CurveOptions(TypedDict, total=False):
+class _CurveOptions(CurveKeywords, total=False):
     """What every curve may be given."""
 
     harmonics: int | str
-    tolerance: float
     rtol: float | None
-    atol: float
-    max_points: int
-    max_step: float
-    max_folds: int
-    angle: float
 
 
 class _TraceOptions(_CurveOptions, total=False):
@@ -78,6 +79,7 @@ def trace_response(
     max_denominator: int = 12,
     **curve: Unpack[_TraceOptions],
 ) -> DrivenBranch: ...
+@with_curve_options
 def trace_response(
     system: Steady | Pendulum,
     nu_range: tuple[float, float] | None = None,
@@ -100,18 +102,13 @@ def trace_response(
     opposite: bool = False,
     symmetric: bool | None = None,
     harmonics: int | str = "auto",
-    tolerance: float = 1e-10,
     rtol: float | None = None,
-    atol: float = 0.0,
-    max_points: int = 2000,
-    max_step: float = 0.1,
-    max_folds: int = 100000,
-    angle: float = 0.12,
     stability: bool = True,
     duration: float | None = None,
     subharmonic: int = 1,
     max_denominator: int = 12,
     coordinates: Sequence[str] | None = None,
+    **curve: Unpack[CurveKeywords],
 ) -> Branch | DrivenBranch:
     """Follow a branch of steady motions through its folds.
 
@@ -179,15 +176,7 @@ def trace_response(
         rtol times the size of the motion and atol besides, whatever its size: rtol 1e-14 to 0.1
         (1e-10 if neither it nor ``tolerance`` is given), atol in the unit of the coordinates (0 if
         not given), as for `forced_response`. Of a pendulum rtol alone chooses the orders.
-    max_points : int
-        Points at most, 2 to 100000.
-    max_step : float
-        Largest step as a part of the present point, 1e-4 to 1.
-    max_folds : int
-        Folds behind which the curve ends with "fold limit", 1 to 100000, which is no limit.
-    angle : float
-        Angle between the curve's directions at two points that steps aim at (rad), 0.01 to 0.3:
-        a smaller one gives finer curves where they bend.
+    **curve
     stability : bool
         Compute Floquet multipliers; with memory, exponents from Hill's determinant, those that grow
         counted by the argument principle; with many coordinates that takes longer than the branch
@@ -232,7 +221,7 @@ def trace_response(
     >>> vv.trace_response(duffing, (0.3, 3), load=0.3).folds.size
     2
     """
-    given = with_rtol(locals())
+    given = with_curve(locals(), "trace_response")
     if isinstance(system, Pendulum):
         return trace_pendulum(**_TRACE_PENDULUM.of(given))
     if not isinstance(system, _STEADY):
@@ -265,6 +254,7 @@ def backbone(
     subharmonic: int = 1,
     **curve: Unpack[_CurveOptions],
 ) -> Backbone: ...
+@with_curve_options
 def backbone(
     system: Steady | Pendulum,
     mode: int,
@@ -276,16 +266,11 @@ def backbone(
     opposite: bool = False,
     symmetric: bool = False,
     harmonics: int | str = "auto",
-    tolerance: float = 1e-10,
     rtol: float | None = None,
-    atol: float = 0.0,
-    max_points: int = 2000,
-    max_step: float = 0.1,
-    max_folds: int = 100000,
-    angle: float = 0.12,
     stability: bool | None = None,
     subharmonic: int = 1,
     coordinates: Sequence[str] | None = None,
+    **curve: Unpack[CurveKeywords],
 ) -> Backbone:
     """Follow the free motions that grow from a linear mode: frequency against amplitude.
 
@@ -325,15 +310,7 @@ def backbone(
         its size, and what leaving out orders may change within rtol times it: rtol 1e-14 to 0.1
         (1e-10 if neither it nor ``tolerance`` is given), atol in the unit of the coordinates (0 if
         not given).
-    max_points : int
-        Points at most, 2 to 100000.
-    max_step : float
-        Largest step as a part of the present point, 1e-4 to 1.
-    max_folds : int
-        Folds behind which the curve ends with "fold limit", 1 to 100000, which is no limit.
-    angle : float
-        Angle between the curve's directions at two points that steps aim at (rad), 0.01 to 0.3:
-        a smaller one gives finer curves where they bend.
+    **curve
     stability : bool
         Of a pendulum: compute Floquet multipliers, unless this is False.
     subharmonic : int
@@ -371,7 +348,7 @@ def backbone(
     >>> round(vv.backbone(duffing, 0, (0.01, 1)).nu[-1], 3)  # of one harmonic alone: sqrt(7/4)
     np.float64(1.328)
     """
-    given = with_rtol(locals())
+    given = with_curve(locals(), "backbone")
     if isinstance(system, Pendulum):
         return pendulum_backbone(**_PENDULUM_BACKBONE.of(given))
     if not isinstance(system, _STEADY):

@@ -11,7 +11,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from inspect import signature
+from inspect import Parameter as SignatureParameter, signature
 from operator import is_
 from typing import Any, Generic, TypeVar
 
@@ -20,8 +20,10 @@ import numpy.typing as npt
 
 from viscovib import _native
 from viscovib._native import FloatArray
+from viscovib.common.curve_options import OPTIONS, WHOLE
 from viscovib.errors import FileError, InputError
 
+_F = TypeVar("_F", bound=Callable[..., Any])
 _T = TypeVar("_T")
 _MAX_PATH = 4096
 
@@ -216,22 +218,16 @@ TIME_TOLERANCE = Number("tolerance", _lowest_in_time, _highest_in_time)
 RTOL = Number("rtol", _lowest_in_time, _highest_in_time)
 
 
-def _curve_table() -> tuple[dict[str, float], tuple[Parameter[Any], ...], tuple[str, ...]]:
-    """Return the options of curves that the core knows, and its words for how they end."""
-    names, n, numbers, endings = _native.core.curve_words()
-    words = names.decode().rstrip(", ").split(",")
-    given: dict[str, float] = {}
-    bounds: list[Parameter[Any]] = []
-    for name, (default, lowest, highest, whole) in zip(words, numbers.T[:n].tolist(), strict=True):
-        given[name] = int(default) if whole else default
-        bounds.append(
-            Whole(name, int(lowest), int(highest)) if whole else Number(name, lowest, highest)
-        )
-    return given, tuple(bounds), tuple(endings.decode().rstrip(", ").split(","))
-
-
-#: Options of curves of motions with their defaults, and the words for how curves end.
-CURVE_DEFAULTS, _CURVE_BOUNDS, CURVE_OUTCOMES = _curve_table()
+#: Options of curves of motions with their defaults, what they may be, ...
+CURVE_DEFAULTS = {name: one.default for name, one in OPTIONS.items()}
+_CURVE_BOUNDS: tuple[Parameter[Any], ...] = tuple(
+    Whole(name, int(one.lowest), int(one.highest))
+    if name in WHOLE
+    else Number(name, one.lowest, one.highest)
+    for name, one in OPTIONS.items()
+)
+#: ... and the words for how curves end.
+CURVE_OUTCOMES = tuple(_native.core.curve_words().decode().rstrip(", ").split(","))
 
 #: If nothing is given.
 _TOLERANCE = CURVE_DEFAULTS["tolerance"]
@@ -281,6 +277,51 @@ def with_rtol(given: dict[str, Any]) -> dict[str, Any]:
         given["tolerance"] = _RELATIVE.check(rtol)
         given["rtol"] = None
     return given
+
+
+def with_curve_options(function: _F) -> _F:
+    """Write the options of curves into signature and docstring of a function, for ``**curve``.
+
+    The docstring has them where it says ``**curve``.
+    """
+    whole = signature(function)
+    own = [
+        one for one in whole.parameters.values() if one.kind is not SignatureParameter.VAR_KEYWORD
+    ]
+    named = [
+        SignatureParameter(
+            name,
+            SignatureParameter.KEYWORD_ONLY,
+            default=one.default,
+            annotation=int if name in WHOLE else float,
+        )
+        for name, one in OPTIONS.items()
+    ]
+    function.__signature__ = whole.replace(parameters=[*own, *named])  # type: ignore[attr-defined]
+    if function.__doc__:
+        function.__doc__ = function.__doc__.replace("    **curve\n", _documented())
+    return function
+
+
+def _documented() -> str:
+    """Return the options of curves that are documented here, as a docstring has them."""
+    from textwrap import indent, wrap
+
+    lines = []
+    for name, one in OPTIONS.items():
+        if one.text:
+            text = f"{one.text} {_spelt(one.lowest)} to {_spelt(one.highest)}."
+            lines.append(f"{name} : {'int' if name in WHOLE else 'float'}")
+            lines += [f"    {line}" for line in wrap(text, 92)]
+    return indent("\n".join(lines) + "\n", "    ")
+
+
+def with_curve(given: dict[str, Any], called: str) -> dict[str, Any]:
+    """Put the options of ``**curve`` beside the other arguments, with their defaults."""
+    curve = given.pop("curve")
+    for name in curve.keys() - OPTIONS.keys():
+        raise TypeError(f"{called}() got an unexpected keyword argument {name!r}")
+    return with_rtol(given | CURVE_DEFAULTS | curve)
 
 
 class Taken:

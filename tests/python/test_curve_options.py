@@ -1,0 +1,74 @@
+"""What holds for every option of curves, read from the table that names them."""
+
+import inspect
+import warnings
+
+import numpy as np
+import pytest
+import viscovib as vv
+from viscovib.common.curve_options import OPTIONS, WHOLE
+from viscovib.common.parameters import TOLERANCE
+
+DUFFING = vv.PolynomialSystem(mass=1, stiffness=1, damping=0.1, forces="x^3")
+SYSTEM = """&system coordinates='x' mass=1 stiffness=1 damping=0.1 /
+&force on='x' law='x^3' /
+&load amplitude=0.3 /
+"""
+CURVES = {
+    "branch": "&branch nu_from=0.4 nu_to=2.5 max_step=0.3 {} /\n",
+    "backbone": "&backbone from=0.1 to=2 {} /\n",
+}
+
+
+def trace(**options):
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", vv.ConvergenceWarning)
+        return vv.trace_response(DUFFING, (0.4, 2.5), load=0.3, **options)
+
+
+USUAL = trace()
+
+
+def test_the_bounds_of_tolerance_are_those_of_all_methods():
+    one = OPTIONS["tolerance"]
+    assert (one.lowest, one.highest) == (TOLERANCE.lowest, TOLERANCE.highest)
+
+
+@pytest.mark.parametrize("name", OPTIONS)
+def test_its_default_is_what_is_taken_and_another_value_changes_the_curve(name):
+    np.testing.assert_array_equal(
+        trace(**{name: OPTIONS[name].default}).coefficients, USUAL.coefficients
+    )
+    other = trace(**{name: OPTIONS[name].other})
+    assert not np.array_equal(other.nu, USUAL.nu)
+
+
+@pytest.mark.parametrize("name", OPTIONS)
+@pytest.mark.parametrize("function", [vv.trace_response, vv.backbone])
+def test_it_is_an_argument_that_help_explains(name, function):
+    one = inspect.signature(function).parameters[name]
+    assert one.default == OPTIONS[name].default
+    assert isinstance(one.default, int) == (name in WHOLE)
+    assert f"{name} : {one.annotation.__name__}\n" in function.__doc__ or not OPTIONS[name].text
+    assert "**curve" not in function.__doc__
+
+
+@pytest.mark.parametrize("name", OPTIONS)
+def test_what_is_not_allowed_is_refused_by_every_face(tmp_path, name):
+    one = OPTIONS[name]
+    scene = tmp_path / "scene.nml"
+    for wrong in (-1 if name in WHOLE or not one.lowest else 0.9 * one.lowest, 1.1 * one.highest):
+        value = int(wrong) if name in WHOLE else wrong
+        refused = f"{name} = .*: must be"
+        with pytest.raises(vv.InputError, match=refused):
+            trace(**{name: value})
+        with pytest.raises(vv.InputError, match=refused):
+            vv.backbone(DUFFING, 0, (0.1, 2), **{name: value})
+        with pytest.raises(vv.InputError, match=refused):
+            vv.trace_response(vv.Pendulum(e=0.1, w2=0.4, w3=0.8), p1=(1, 2), **{name: value})
+        for group in CURVES.values():
+            if name == "max_step":
+                group = group.replace("max_step=0.3", "")
+            scene.write_text(SYSTEM + group.format(f"{name}={value}"))
+            with pytest.raises(vv.InputError, match=refused):
+                vv.run(scene)
