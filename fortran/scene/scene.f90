@@ -16,6 +16,7 @@ module viscovib_scene
   use viscovib_scene_groups, only: check_groups, place_of
   use viscovib_scene_results, only: read_result
   use viscovib_status, only: fail, show, status_input_error, status_type
+  use viscovib_stiffness_ratio, only: hidden_springs
   use viscovib_structure_groups, only: read_structure
   use viscovib_structure_model, only: put_load
   use viscovib_subject, only: name_length, subject_type
@@ -109,6 +110,11 @@ contains
       call reader%close(canonical, status)
     end if
     if (status%failed()) return
+    if (subject%is_structure) then
+      subject%warned = subject%warned//subject%model%rest%hidden
+    else if (subject%is_polynomial .and. .not. subject%is_turning) then
+      subject%warned = subject%warned//hidden_springs(subject%polynomial)
+    end if
     call read_loads(file, subject%coordinates, subject%base_direction(), load, canonical, status)
     if (.not. subject%is_structure .or. status%failed()) then
       subject%load = load

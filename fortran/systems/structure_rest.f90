@@ -3,6 +3,7 @@ module viscovib_structure_rest
   use viscovib_damped_modes, only: find_damped_modes
   use viscovib_kinds, only: wp
   use viscovib_status, only: fail, set_ok, show, status_input_error, status_type
+  use viscovib_stiffness_ratio, only: hidden_modes, hidden_poles
   use viscovib_symmetric_modes, only: find_symmetric_modes
   implicit none
   private
@@ -25,6 +26,8 @@ module viscovib_structure_rest
   type :: rest_type
     real(wp), allocatable :: squares(:), rates(:), losses(:), shapes(:, :)
     complex(wp), allocatable :: poles(:), left(:, :), right(:, :)
+    !> Springs that rounding hides, a line; empty of others.
+    character(len=:), allocatable :: hidden
   end type rest_type
 
 contains
@@ -43,11 +46,13 @@ contains
 
     call set_ok(status)
     n = size(mass, 1)
+    rest%hidden = ''
     if (is_symmetric(stiffness) .and. is_symmetric(damping)) then
       call find_symmetric_modes(mass, stiffness, squares, shapes)
       ! Squares of frequencies that are rounding are 0: motions that no spring resists.
       pulled = matmul(abs(stiffness), abs(shapes))
       where (abs(squares) <= rounding*sum(abs(shapes)*pulled, 1)) squares = 0.0_wp
+      rest%hidden = hidden_modes(squares, shapes, mass, stiffness)
       seen = matmul(transpose(shapes), matmul(damping, shapes))
       off = 0.0_wp
       do i = 1, n
@@ -96,6 +101,7 @@ contains
                 //'uncoupled, or see Structure of Python')
       return
     end if
+    rest%hidden = hidden_poles(rest%poles, left, right, stiffness)
     rest%left = matmul(places, left)
     rest%right = matmul(places, right)
     allocate (rest%squares(0), rest%rates(0), rest%losses(0), rest%shapes(size(places, 1), 0))

@@ -5,6 +5,7 @@ import warnings
 import mpmath
 import numpy as np
 import pytest
+import scipy.sparse as sp
 import viscovib as vv
 from viscovib.systems.structure_rest import dense_rest
 
@@ -102,3 +103,117 @@ def test_springs_of_one_kind_are_no_false_alarm_under_any_damping():
         with warnings.catch_warnings():
             warnings.simplefilter("error", vv.RangeWarning)
             dense_rest(np.diag(rng.uniform(0.5, 2, n)), damping, stiffness)
+
+
+def springs_between(rng, n, decades, free=False):
+    """Random springs as (stiffness, mass, other mass or -1 for the ground)."""
+    found = [[rng.uniform(0.5, 2), i, i - 1] for i in range(n)]
+    for _ in range(rng.integers(0, n)):
+        found.append([rng.uniform(0.5, 2), *rng.choice(n, 2, replace=False)])
+    if free:
+        found = found[1:]
+    for _ in range(rng.integers(0, 3)):
+        found[rng.integers(len(found))][0] = 10 ** rng.uniform(0, decades)
+    return found
+
+
+def assembled(springs, n, number=float):
+    k = [[number(0)] * n for _ in range(n)]
+    for stiffness, i, j in springs:
+        value = number(float(stiffness))
+        k[i][i] += value
+        if j >= 0:
+            k[j][j] += value
+            k[i][j] -= value
+            k[j][i] -= value
+    return k
+
+
+def told_of(build, *arguments, **options):
+    """Whether a call tells it, and what it returned."""
+    with warnings.catch_warnings(record=True) as seen:
+        warnings.simplefilter("always")
+        made = build(*arguments, **options)
+    return any("rounding hides the soft ones" in str(w.message) for w in seen), made
+
+
+def polynomial(mass, stiffness):
+    n = mass.size
+    laws = {f"x{i + 1}": f"x{i + 1}^3" for i in range(n)}
+    k = np.array(stiffness, float)
+    return vv.PolynomialSystem(mass=mass, stiffness=k, damping=0.01 * k, forces=laws)
+
+
+def test_polynomial_systems_tell_what_rounding_hides():
+    """Squares of frequencies of the springs as given, against those of the rounded matrix."""
+    rng = np.random.default_rng(11)
+    told = hidden = 0
+    for _ in range(100):
+        n = int(rng.integers(2, 6))
+        springs = springs_between(rng, n, 14)
+        mass = 10 ** rng.uniform(-1, 1, n)
+        seen, _ = told_of(polynomial, mass, assembled(springs, n))
+        with mpmath.workdps(50):
+            unit = mpmath.diag([1 / mpmath.sqrt(m) for m in mass])
+            squares = [
+                mpmath.eigsy(unit * mpmath.matrix(assembled(springs, n, number)) * unit)[0]
+                for number in (mpmath.mpf, float)
+            ]
+            error = max(abs(b / a - 1) for a, b in zip(*squares, strict=True))
+        told += seen
+        hidden += error > 4e-6
+        assert seen or error < 4e-6
+        assert not seen or error > 1e-10
+    assert 10 < hidden <= told < 50
+
+
+def test_ordinary_polynomial_systems_are_no_false_alarm():
+    rng = np.random.default_rng(12)
+    for _ in range(300):
+        n = int(rng.integers(2, 9))
+        springs = springs_between(rng, n, 6, free=rng.uniform() < 0.5)
+        assert not told_of(polynomial, rng.uniform(0.5, 2, n), assembled(springs, n))[0]
+
+
+def test_springs_of_follower_forces_are_judged_too():
+    stiffness = [[1e12 + 1, -1e12 - 0.5], [-1e12, 1e12]]
+    assert told_of(polynomial, np.ones(2), stiffness)[0]
+    assert not told_of(polynomial, np.ones(2), [[3, 1], [-1, 2]])[0]
+
+
+@pytest.mark.parametrize("decades", [0, 3, 13])
+def test_reduced_structures_tell_what_rounding_hides(decades):
+    """Squares of frequencies move by what the springs in extended precision add."""
+    rng = np.random.default_rng(decades)
+    told = refused = 0
+    for _ in range(12):
+        n = int(rng.integers(130, 300))
+        springs = rng.uniform(0.5, 2, n)
+        springs[rng.integers(1, n)] *= 10 ** rng.uniform(0.7 * decades, decades)
+        k, wide = chain_of(springs), chain_of(springs.astype(np.longdouble))
+        build = vv.Structure(
+            mass=sp.eye_array(n), stiffness=sp.csc_array(k), modal_damping=0.01,
+            elements=[vv.Spring(on=f"x{n}", law="0.1*d^3")],
+        )  # fmt: skip
+        try:
+            seen, made = told_of(build.reduce, frequency=0.1, loads=["x1"], tolerance=1e-2)
+        except vv.InputError:
+            # Refused: its own estimate of rounding is above the tolerance.
+            refused += 1
+            continue
+        found = made.reduction
+        shapes = found.shapes[:, : found.n_modes]
+        off = np.array(wide - k, dtype=float)
+        error = (
+            np.abs(np.einsum("im,ij,jm->m", shapes, off, shapes)) / found.squares[: found.n_modes]
+        )
+        told += seen
+        assert seen or error.max() < 3e-2
+    assert (told > 0) == (decades == 13)
+    assert refused < 8 * (decades == 13) + 1
+
+
+def chain_of(springs):
+    """The chain in the precision of its springs."""
+    k = np.diag(springs + np.append(springs[1:], 0))
+    return k - np.diag(springs[1:], 1) - np.diag(springs[1:], -1)

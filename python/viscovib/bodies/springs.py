@@ -169,7 +169,7 @@ def condensed_springs(
     if not bent or not remember or 2 * np.linalg.matrix_rank(np.array(bent)) > mass.shape[0]:
         return None
     try:
-        rest_of_all = dense_rest(mass, damping, stiffness)
+        rest_of_all = dense_rest(mass, damping, stiffness, quiet=True)
     except InputError:
         # Defective modes: no sum over modes gives the compliance.
         return None

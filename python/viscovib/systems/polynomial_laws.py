@@ -67,15 +67,18 @@ def judged_condensed(n: int, q: int, remembers: bool) -> bool:
 
 
 def condensation_of(
-    mass: FloatArray, damping: FloatArray, groups: Sequence[Any]
+    mass: FloatArray, damping: FloatArray, groups: Sequence[Any], *, quiet: bool
 ) -> Condensation | None:
-    """Return the condensed system, or None where that has no use or no modes."""
+    """Return the condensed system, or None where that has no use or no modes.
+
+    ``quiet``: springs that rounding hides were told of.
+    """
     laws = condensed_laws(groups, mass.shape[0])
     if laws is None:
         return None
     stiffness = np.asarray(sum(group.stiffness for group in groups))
     try:
-        return Condensation(dense_rest(mass, damping, stiffness), laws)
+        return Condensation(dense_rest(mass, damping, stiffness, quiet=quiet), laws)
     except InputError:
         # Defective modes: no sum over modes gives the compliance.
         return None

@@ -28,6 +28,7 @@ from viscovib.systems.spring_groups import (
     square_matrix,
     texts_of,
 )
+from viscovib.systems.stiffness_ratio import warn_of_lost_springs
 
 #: In dense matrices; and where forces or memory act in more than half of them.
 _MAX_COORDINATES, _MAX_WHOLE, _FEW = 2000, 64, 8
@@ -80,6 +81,9 @@ class PolynomialSystem:
     -----
     StabilityWarning
         If the integral of a kernel is not between 0 and 1.
+    RangeWarning
+        If springs are so different that rounding of the stiffness hides the soft ones: the square
+        of a frequency is known to less than 1e-6 of it.
 
     Examples
     --------
@@ -153,6 +157,7 @@ class PolynomialSystem:
             self._set("base_direction", direction)
         if n <= _MAX_WHOLE:
             _native.call(core.polynomial_check, self._vector)
+            warn_of_lost_springs(self._mass_matrix, self._stiffness_at_rest)
         else:
             self._check_large()
         warn_of_creep([kernel.integral for kernel in self._active_kernels])
@@ -189,7 +194,8 @@ class PolynomialSystem:
         """The system in the coordinates that have forces or memory; None: these are too many."""
         from viscovib.systems.polynomial_laws import condensation_of
 
-        return condensation_of(self._mass_matrix, self._damping, self.groups)
+        told = len(self.dof_names) <= _MAX_WHOLE
+        return condensation_of(self._mass_matrix, self._damping, self.groups, quiet=told)
 
     @property
     def _may_be_whole(self) -> bool:

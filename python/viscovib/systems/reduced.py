@@ -14,11 +14,15 @@ from viscovib.systems.linear_model import LinearModel
 from viscovib.systems.reduction import Reduction, reduce_model
 from viscovib.systems.relaxing_rest import relaxing_rest
 from viscovib.systems.sparse_pencil import is_symmetric
+from viscovib.systems.stiffness_ratio import warn_of_lost_modes
 from viscovib.systems.structure_rest import ModalDamping, Remembered, Rest, dense_rest
 
 #: Frequency of what has no mass but is damped, in units of the highest wanted: it follows at once,
 #: up to the square of this, inverted.
 _AT_ONCE = 1e6
+#: Part of the square of a frequency that may be rounding without a word: of any mesh of hundreds of
+#: elements more is than of few springs.
+_LOST = 1e-5
 #: A load is one of those that a reduction was made for if no more of it is left than this.
 _FOREIGN = 1e-9
 
@@ -105,6 +109,11 @@ def reduced_rest(
     found = reduce_model(
         model, used, frequency=frequency, tolerance=tolerance, lowest=lowest, most=most,
         boundary=boundary,
+    )  # fmt: skip
+    true = slice(found.n_modes)
+    warn_of_lost_modes(
+        found.squares[true], found.shapes[:, true], model.mass, model.at_rest,
+        max(_LOST, tolerance),
     )  # fmt: skip
     return ReducedRest(
         _rest(model, found, frequency), found, model, _orthonormal(used), frequency, tolerance

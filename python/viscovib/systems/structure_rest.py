@@ -1,22 +1,21 @@
 """The linear rest of a structure: its modes, and what modes left out would add."""
 
-import warnings
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from viscovib._native import ComplexArray, FloatArray
-from viscovib.errors import InputError, RangeWarning
+from viscovib.errors import InputError
+from viscovib.systems.stiffness_ratio import (
+    warn_of_lost_modes,
+    warn_of_lost_poles,
+    without_rounding,
+)
 
 #: Parts of the largest entry that are rounding: off the diagonal of a modal damping, a square of
 #: a frequency, what is left of a direction that depends on others.
 _OFF_DIAGONAL, _RIGID, _DEPENDENT = 1e-12, 1e-12, 1e-10
-#: Part of the square of a frequency that may be rounding without a word, and how little of it a
-#: free motion leaves beside rounding.
-_LOST, _FREE = 1e-6, 0.02
-#: Squares of frequencies are found to so many roundings of the largest.
-_SOLVED = 4.0
 #: How far above all others the square of a frequency stands for what follows at once.
 _AT_ONCE = 1e10
 
@@ -82,9 +81,14 @@ class ModalDamping(NamedTuple):
 
 
 def dense_rest(
-    mass: FloatArray, damping: FloatArray, stiffness: FloatArray, modal: ModalDamping | None = None
+    mass: FloatArray,
+    damping: FloatArray,
+    stiffness: FloatArray,
+    modal: ModalDamping | None = None,
+    *,
+    quiet: bool = False,
 ) -> Rest:
-    """Return all modes of dense matrices."""
+    """Return all modes of dense matrices; ``quiet``: what rounding hides is told elsewhere."""
     from scipy.linalg import eigh
 
     n = mass.shape[0]
@@ -93,7 +97,9 @@ def dense_rest(
     none = np.zeros((n, 0), dtype=complex)
     if _symmetric(stiffness) and _symmetric(damping):
         squares, shapes = eigh(stiffness, mass)
-        squares = _without_rounding(squares, shapes, stiffness)
+        squares = without_rounding(squares, shapes, stiffness)
+        if not quiet:
+            warn_of_lost_modes(squares, shapes, mass, stiffness)
         seen = shapes.T @ damping @ shapes
         rates = np.diag(seen).copy()
         off = seen - np.diag(rates)
@@ -111,7 +117,7 @@ def dense_rest(
                 "modes uncoupled"
             )
         damping = damping + modal.by_mass * mass + modal.by_stiffness * stiffness
-    return _complex_rest(mass, damping, stiffness)
+    return _complex_rest(mass, damping, stiffness, quiet)
 
 
 def _condensed_rest(
@@ -172,57 +178,9 @@ def _symmetric(matrix: FloatArray) -> bool:
     return bool(np.abs(matrix - matrix.T).max(initial=0.0) <= 1e-12 * np.abs(matrix).max(initial=0))
 
 
-def _without_rounding(squares: FloatArray, shapes: FloatArray, stiffness: FloatArray) -> FloatArray:
-    """Squares of frequencies that are rounding become 0: motions that no spring resists."""
-    pulled = np.einsum("im,ij,jm->m", np.abs(shapes), np.abs(stiffness), np.abs(shapes))
-    result = squares.copy()
-    result[np.abs(squares) <= _RIGID * pulled] = 0.0
-    # The springs of a mode pull against each other: the rounding of each stays.
-    lost = np.finfo(float).eps * pulled / np.maximum(np.abs(squares), np.finfo(float).tiny)
-    beyond = np.abs(squares) > _SOLVED * np.finfo(float).eps * np.abs(squares).max()
-    doubtful = beyond & np.where(result == 0, lost < _FREE, lost > _LOST)
-    if doubtful.any():
-        worst = int(np.where(doubtful, lost, 0).argmax())
-        held = (
-            f"counts as free, though its frequency may be {np.sqrt(abs(squares[worst])):.2g} rad/s"
-            if result[worst] == 0
-            else f"has {np.sqrt(abs(squares[worst])):.4g} rad/s, and the square of that is known "
-            f"to {lost[worst]:.1g} only"
-        )
-        _warn_of_hidden(f"mode {worst} {held}")
-    return result
-
-
-def _warn_of_hidden(told: str) -> None:
-    warnings.warn(
-        f"stiffness: springs are so different that rounding hides the soft ones: {told}; stiffer "
-        "parts may be made rigid, or softer",
-        RangeWarning,
-        stacklevel=3,
-    )
-
-
-def _warn_of_lost_poles(
-    poles: ComplexArray, left: ComplexArray, right: ComplexArray, stiffness: FloatArray
-) -> None:
-    """Tell of complex modes of which rounding of the stiffness leaves little.
-
-    With (s^2 M + s C + K)^-1 = sum left right^T/(s - pole), entries of K that are off by a
-    rounding move a pole by up to eps |right|^T |K| |left|; twice that is the part of its square.
-    """
-    pulled = np.einsum("im,ij,jm->m", np.abs(right), np.abs(stiffness), np.abs(left))
-    moving = poles != 0
-    lost = np.zeros(poles.size)
-    lost[moving] = 2 * np.finfo(float).eps * pulled[moving] / np.abs(poles[moving])
-    worst = int(lost.argmax())
-    if lost[worst] > _LOST:
-        _warn_of_hidden(
-            f"a mode has {abs(poles[worst]):.4g} rad/s, and the square of that is known to "
-            f"{lost[worst]:.1g} only"
-        )
-
-
-def _complex_rest(mass: FloatArray, damping: FloatArray, stiffness: FloatArray) -> Rest:
+def _complex_rest(
+    mass: FloatArray, damping: FloatArray, stiffness: FloatArray, quiet: bool
+) -> Rest:
     """Modes of (s^2 M + s C + K) u = 0 by its companion pencil, right and left ones."""
     from scipy.linalg import eig
 
@@ -244,7 +202,8 @@ def _complex_rest(mass: FloatArray, damping: FloatArray, stiffness: FloatArray) 
     poles[np.abs(poles) <= _RIGID * np.abs(poles).max()] = 0.0
     left = rights[:n]
     right = inverse.T @ (lefts[n:].conj() / scale)
-    _warn_of_lost_poles(poles, left, right, stiffness)
+    if not quiet:
+        warn_of_lost_poles(poles, left, right, stiffness)
     none = np.zeros(0)
     given = mass, damping, stiffness
     return Rest(none, none, none, np.zeros((n, 0)), poles, left, right, matrices=given)

@@ -1,0 +1,66 @@
+"""Springs so different that rounding hides the soft ones: the driver tells them as Python does."""
+
+import warnings
+
+import numpy as np
+import pytest
+import viscovib as vv
+
+WORDS = "rounding hides the soft ones"
+
+
+def scene_of(kind, mass, stiffness, damping):
+    n = mass.size
+    numbers = " ".join(f"{k!r}" for k in stiffness.ravel().tolist())
+    matrices = f"mass={' '.join(map(repr, mass.tolist()))}\nstiffness={numbers}\n"
+    matrices += f"damping={' '.join(f'{c!r}' for c in damping.ravel().tolist())} /\n"
+    if kind == "system":
+        names = " ".join(f"'x{i + 1}'" for i in range(n))
+        text = f"&system coordinates={names}\n{matrices}&force on='x1' law='x1^3' /\n"
+    else:
+        text = f"&structure size={n}\n{matrices}&element on='x1' law='d^3' /\n"
+    return text + "&load on='x1' amplitude=0.1 /\n&response nu=0.5 method='linear' /\n"
+
+
+@pytest.mark.parametrize("kind", ["system", "structure", "coupled", "follower"])
+def test_the_driver_tells_what_python_tells(solve, tmp_path, kind):
+    rng = np.random.default_rng(4)
+    told = 0
+    path = tmp_path / "scene.nml"
+    for i in range(12):
+        n = int(rng.integers(2, 6))
+        springs = rng.uniform(0.5, 2, n)
+        if i % 2:
+            top = 14 if kind in ("system", "structure") else 11.5
+            springs[rng.integers(1, n)] *= 10 ** rng.uniform(10.5, top)
+        stiffness = np.diag(springs + np.append(springs[1:], 0))
+        stiffness -= np.diag(springs[1:], 1) + np.diag(springs[1:], -1)
+        if kind == "follower":
+            stiffness[0, -1] += 0.1
+        mass = rng.uniform(0.5, 2, n)
+        damping = 0.01 * np.diag(mass)
+        if kind == "coupled":
+            damping[0, 0] += 0.2
+        path.write_text(
+            scene_of("system" if kind == "system" else "structure", mass, stiffness, damping)
+        )
+        run = solve(path, "--plan")
+        if kind in ("coupled", "follower") and run.returncode == 2:
+            # No sum over complex modes of so different sizes was found: refused.
+            assert "couples modes" in run.stderr
+            continue
+        assert run.returncode == 0, run.stderr
+        with warnings.catch_warnings(record=True) as seen:
+            warnings.simplefilter("always")
+            given = {"mass": np.diag(mass), "stiffness": stiffness, "damping": damping}
+            if kind == "system":
+                vv.PolynomialSystem(**given, forces={"x1": "x1^3"})
+            else:
+                spring = vv.Spring(on="x1", law="d^3")
+                structure = vv.Structure(**given, elements=[spring])
+                vv.forced_response(structure, [0.5], load=np.eye(n)[0], method="linear")
+        wanted = any(WORDS in str(w.message) for w in seen)
+        assert (WORDS in run.stderr) == wanted, run.stderr
+        assert run.stderr.count("warning:") == wanted
+        told += wanted
+    assert 0 < told < 7
