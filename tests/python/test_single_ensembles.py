@@ -267,3 +267,23 @@ def test_a_wrong_surface_is_told_by_the_name_given():
     system = vv.PolynomialSystem(mass=1, stiffness=1, forces="x^3")
     with pytest.raises(vv.InputError, match=r"^sections = 'xdot'.*did you mean x_dot"):
         vv.simulate_ensemble(system, initial=[0, 0], t_end=5, dt=0.1, sections="xdot")
+
+
+@pytest.mark.parametrize("every", [3, 7, 60])
+@pytest.mark.parametrize("held", [100_000, 20])
+def test_last_states_are_those_at_the_end(monkeypatch, every, held):
+    """However rarely states are sampled: 50 steps are no whole number of samples."""
+    monkeypatch.setattr("viscovib.analyses.singles._HELD", held)
+    system = vv.PolynomialSystem(mass=1, stiffness=1, damping=0.1, forces="3*max(x - 0.2, 0)")
+    load = {"load": 0.7, "nu": 1.3, "dt": 0.1}
+    many = vv.simulate_ensemble(
+        system, initial=[[0.3, 0], [-0.2, 0.5]], t_end=5, discard=1, statistics=True,
+        sample_every=every, **load,
+    )  # fmt: skip
+    for start, last, peak in zip([[0.3, 0], [-0.2, 0.5]], many.state, many.peak, strict=True):
+        run = vv.simulate(system, 5, initial=start, **load)
+        assert last.tolist() == run.state[-1].tolist()
+        sampled = np.abs(run.state[10 + every :: every])
+        assert peak.tolist() == pytest.approx(
+            sampled.max(axis=0) if sampled.size else [np.nan] * 2, rel=1e-13, nan_ok=True
+        )

@@ -200,8 +200,8 @@ class SingleMembers(Members):
             want = Wanted(keep="last")
             if n <= 0:
                 n = asked.n_steps - done
-                if stride:
-                    n = min(n, max(1, _HELD // stride) * stride)
+                if stride and n >= stride:
+                    n = min(n // stride, max(1, _HELD // stride)) * stride
                     want = Wanted(every=stride)
             latest = run.steps(n, want, False)
             if want.keep == "all":
