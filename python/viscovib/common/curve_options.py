@@ -1,7 +1,7 @@
 """Options of every curve of steady motions: this table is the one place that names them.
 
 From its rows come, without another line anywhere: the component of `curve_options` in Fortran and
-its bounds (`fortran/continuation/fill_options.py`, in the build), the key of `&branch` and
+its bounds (`fortran/fill_options.py`, in the build), the key of `&branch` and
 `&backbone`, the keyword of `trace_response` and `backbone` for editors and at run time, its check,
 its documentation there and on the page of scenes, and the tests that hold for all of them.
 
