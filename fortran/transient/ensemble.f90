@@ -10,7 +10,8 @@ module viscovib_ensemble
   use viscovib_run_history, only: run_history
   use viscovib_stopping, only: is_set
   use viscovib_subnormals, only: flushing_type
-  use viscovib_stops, only: find_stop, least_between, near, run_coarse, run_completed, stop_type
+  use viscovib_stops, only: find_stop, least_between, needs_small_steps, run_coarse, &
+    run_completed, stop_type
   use viscovib_tangent_system, only: new_tangent_system, tangent_system_type
   use viscovib_vector_math, only: largest_angle
   implicit none
@@ -86,23 +87,25 @@ contains
 
     if (job%n_exponents > 0) then
       call new_tangent_system(disturbed, system)
-      call run(job, disturbed, system%n_dof, block, cancel)
+      call run(job, disturbed, system, block, cancel)
     else
-      call run(job, system, system%n_dof, block, cancel)
+      call run(job, system, system, block, cancel)
     end if
   end subroutine run_block
 
-  subroutine run(job, system, n, block, cancel)
+  subroutine run(job, system, motion, block, cancel)
     type(ensemble_job), intent(in) :: job
     class(driven_system_type), intent(in) :: system
-    !> Coordinates of the motion itself; the others are its disturbance.
-    integer, intent(in) :: n
+    !> The same without a disturbance, whose coordinates come behind those of the motion itself.
+    class(differentiable_system_type), intent(in) :: motion
     type(ensemble_block), intent(inout) :: block
     integer, intent(inout) :: cancel
     type(flight_type) :: f
     type(flushing_type) :: flushing
     integer(i8) :: i
+    integer :: n
 
+    n = motion%n_dof
     call flushing%begin()
     call take_off(f, job, system, n, block)
     do i = 1, job%n_steps
@@ -110,7 +113,7 @@ contains
         if (is_set(cancel)) exit
         if (.not. any(f%alive)) exit
       end if
-      call make_step(f, job, system, block, i)
+      call make_step(f, job, system, motion, block, i)
       if (system%n_dof > n .and. (mod(i, int(rescaling, i8)) == 0 .or. i == job%n_discard &
                                   .or. i == job%n_steps)) call rescale(f, i <= job%n_discard)
       if (i <= job%n_discard) cycle
@@ -181,13 +184,14 @@ contains
   end subroutine take_others
 
   !> Step i; lanes in which the motion stops within it stand still from then on.
-  subroutine make_step(f, job, system, block, i)
+  subroutine make_step(f, job, system, motion, block, i)
     type(flight_type), intent(inout) :: f
     type(ensemble_job), intent(in) :: job
     class(driven_system_type), intent(in) :: system
+    class(differentiable_system_type), intent(in) :: motion
     type(ensemble_block), intent(inout) :: block
     integer(i8), intent(in) :: i
-    real(wp), dimension(n_lanes) :: margin_before, rate_before
+    real(wp), dimension(n_lanes) :: margin_before, rate_before, least
     logical, dimension(n_lanes) :: good, doubtful
     integer :: l
 
@@ -212,16 +216,19 @@ contains
     good = good .and. sum(abs(f%q(:, :f%n)), 2) + speed_weight*sum(abs(f%v(:, :f%n)), 2) &
            <= largest_angle
     call measure_margin(f, system, block%h)
-    doubtful = f%alive .and. .not. (good .and. least_between(margin_before, rate_before, f%margin, &
-                                                             f%rate) > 0.0_wp)
-    if (system%limited .and. f%method%table%implicit) then
-      doubtful = doubtful .or. (f%alive .and. f%method%margin_at_nodes(system) <= 0.0_wp)
+    doubtful = f%alive .and. .not. good
+    if (system%limited) then
+      least = least_between(margin_before, rate_before, f%margin, f%rate)
+      if (f%method%table%implicit) least = min(least, f%method%margin_at_nodes(system))
+      do l = 1, n_lanes
+        if (doubtful(l) .or. .not. f%alive(l)) cycle
+        doubtful(l) = needs_small_steps(motion, l, f%q_before(l, :f%n), f%v_before(l, :f%n), &
+                                        block%h(l), least(l))
+      end do
     end if
-    ! Beside the edge motions are stiff, and steps of explicit methods wrong.
-    doubtful = doubtful .or. (f%alive .and. margin_before <= near)
     if (.not. any(doubtful)) return
     do l = 1, n_lanes
-      if (doubtful(l)) call judge_lane(f, job, system, block, i, l, good(l))
+      if (doubtful(l)) call judge_lane(f, job, system, motion, block, i, l, good(l))
     end do
   end subroutine make_step
 
@@ -235,10 +242,11 @@ contains
   end subroutine measure_margin
 
   !> Whether the motion of a lane stops inside step i, and where.
-  subroutine judge_lane(f, job, system, block, i, l, good)
+  subroutine judge_lane(f, job, system, motion, block, i, l, good)
     type(flight_type), intent(inout) :: f
     type(ensemble_job), intent(in) :: job
     class(driven_system_type), intent(in) :: system
+    class(differentiable_system_type), intent(in) :: motion
     type(ensemble_block), intent(inout) :: block
     integer(i8), intent(in) :: i
     integer, intent(in) :: l
@@ -246,25 +254,23 @@ contains
     type(stop_type) :: stop
     integer :: k, point
 
-    call find_stop(system, f%n, l, block%frequencies, f%q_before(l, :), f%v_before(l, :), &
+    call find_stop(motion, f%n, l, block%frequencies, f%q_before(l, :f%n), f%v_before(l, :f%n), &
                    real(i - 1, wp)*block%h(l), block%h(l), stop)
     if (stop%outcome == run_completed .or. stop%outcome == run_coarse) then
-      if (stop%outcome == run_completed .and. stop%near_edge .and. system%n_dof == f%n) then
-        f%q(l, :) = stop%q
-        f%v(l, :) = stop%v
-        call f%method%set_lane(l, stop%q, stop%v)
+      if (stop%outcome == run_completed .and. system%limited .and. stop%near_edge) then
+        call put_motion(f, l, stop%q, stop%v)
         call measure_margin(f, system, block%h)
         return
       end if
       if (good .and. f%margin(l) > 0.0_wp) return
       stop%outcome = run_coarse
     end if
-    call f%past%confirm(system, l, f%n, l, block%frequencies, block%h(l), &
+    call f%past%confirm(motion, l, f%n, l, block%frequencies, block%h(l), &
                         real(i - 1, wp)*block%h(l), block%h(l), stop)
     if (stop%outcome == run_coarse) then
       stop%ahead = 0.0_wp
-      stop%q = f%q_before(l, :)
-      stop%v = f%v_before(l, :)
+      stop%q = f%q_before(l, :f%n)
+      stop%v = f%v_before(l, :f%n)
     end if
     block%outcome(l) = stop%outcome
     block%t_reached(l) = real(i - 1, wp)*block%h(l) + stop%ahead
@@ -274,8 +280,8 @@ contains
       block%sections(l, :, point) = ieee_value(1.0_wp, ieee_quiet_nan)
     end do
     f%alive(l) = .false.
-    block%q(l, :) = stop%q(:f%n)
-    block%v(l, :) = stop%v(:f%n)
+    block%q(l, :) = stop%q
+    block%v(l, :) = stop%v
     ! Beside a stop accelerations may be infinite: the lane waits at rest instead.
     f%q(l, :) = 0.0_wp
     f%v(l, :) = 0.0_wp
@@ -288,6 +294,26 @@ contains
       end do
     end if
   end subroutine judge_lane
+
+  !> The motion of a lane as small steps find it; its disturbances stay.
+  subroutine put_motion(f, l, q, v)
+    type(flight_type), intent(inout) :: f
+    integer, intent(in) :: l
+    real(wp), intent(in) :: q(:), v(:)
+    real(wp), dimension(n_lanes, size(f%q, 2)) :: other_q, other_v
+    integer :: k
+
+    f%q(l, :f%n) = q
+    f%v(l, :f%n) = v
+    call f%method%set_lane(l, f%q(l, :), f%v(l, :))
+    if (.not. allocated(f%others)) return
+    do k = 1, size(f%others)
+      call f%others(k)%get_state(other_q, other_v)
+      other_q(l, :f%n) = q
+      other_v(l, :f%n) = v
+      call f%others(k)%set_lane(l, other_q(l, :), other_v(l, :))
+    end do
+  end subroutine put_motion
 
   !> Make the disturbances orthonormal again (Gram and Schmidt); their growth counts once
   !! something is gathered.

@@ -89,7 +89,7 @@ contains
     begin = self%t(1)*unit
     until = from + (1.0_wp + beyond)*h
     if (system%timed) until = min(until, max(system%present_piece(2), from + h))
-    call find_stop(system, n, lane, frequencies, self%q(row, :, 1), self%v(row, :, 1), begin, &
+    call find_stop(system, n, lane, frequencies, self%q(row, :n, 1), self%v(row, :n, 1), begin, &
                    until - begin, other)
     if (other%outcome == run_coarse) return
     if (other%outcome == run_completed) then

@@ -6,10 +6,11 @@ module viscovib_simulate
   use viscovib_lanes, only: n_lanes
   use viscovib_mesh, only: equal_steps, mesh_type
   use viscovib_run_history, only: run_history
+  use viscovib_small_steps, only: note_small_steps
   use viscovib_stepper, only: stepper_type
   use viscovib_stopping, only: stop_wanted
-  use viscovib_stops, only: find_stop, in_range, near, run_coarse, run_completed, run_diverged, &
-    run_event, run_names, run_stopped, run_unphysical, stop_type
+  use viscovib_stops, only: find_stop, in_range, needs_small_steps, run_coarse, run_completed, &
+    run_diverged, run_event, run_names, run_stopped, run_unphysical, stop_type
   use viscovib_subnormals, only: flushing_type
   use viscovib_wanted_states, only: wanted_states
   use viscovib_watch, only: new_watch, watch_type
@@ -97,7 +98,7 @@ contains
         call make_parts(method, system, at, past, wanted, unwatched, ends, piece, t_reached, &
                         outcome)
       else
-        call make_step(method, system, at, past, wanted, t_reached, outcome)
+        call make_step(method, system, at, past, wanted, unwatched, t_reached, outcome)
       end if
       if (outcome /= run_completed) exit
       n_done = i
@@ -127,31 +128,34 @@ contains
   end subroutine simulate
 
   !> One step of equations without surfaces.
-  subroutine make_step(method, system, at, past, wanted, t_reached, outcome)
+  subroutine make_step(method, system, at, past, wanted, unwatched, t_reached, outcome)
     class(stepper_type), intent(inout) :: method
     class(driven_system_type), intent(inout) :: system
     type(watched_step_type), intent(inout) :: at
     type(run_history), intent(inout) :: past
     type(wanted_states), intent(inout) :: wanted
+    type(watch_type), intent(inout) :: unwatched
     real(wp), intent(inout) :: t_reached
     integer, intent(out) :: outcome
-    logical :: made, doubtful
+    integer :: n_before
+    logical :: doubtful
 
     outcome = run_completed
+    n_before = wanted%n_reached
     if (system%timed) method%since = at%from - system%present_piece(1)
     call wanted%keep_between(method, system, at%from)
     at%q = method%q
     at%v = method%v
     if (past%is_due()) call note(past, at%from, method)
-    call method%step(system, made)
-    doubtful = .not. made
-    if (made) doubtful = .not. in_range(method%q, method%v)
+    call method%step(system, at%made)
+    doubtful = .not. at%made
+    if (at%made) doubtful = .not. in_range(method%q, method%v)
     if (system%limited .and. .not. doubtful) then
-      doubtful = .not. method%least_margin(system, at%q, at%v) &
-                 > merge(near, 0.0_wp, method%explicit)
+      doubtful = needs_small_steps(system, 1, at%q, at%v, method%h, &
+                                   method%least_margin(system, at%q, at%v))
     end if
     if (doubtful) then
-      call judge_step(method, system, at, past, made, .true., t_reached, outcome)
+      call judge_step(method, system, at, past, wanted, n_before, unwatched, t_reached, outcome)
       if (outcome /= run_completed) return
     end if
     if (wanted%lost) call give_up(method, at, t_reached, outcome)
@@ -192,13 +196,15 @@ contains
     integer, intent(in) :: piece
     real(wp), intent(inout) :: t_reached
     integer, intent(out) :: outcome
-    logical :: doubtful, more
+    integer :: n_before
+    logical :: more
 
     outcome = run_completed
     at%n_passed = 0
     at%n_halved = 0
     at%short = .false.
     more = .true.
+    n_before = wanted%n_reached
     if (past%is_due()) call note(past, at%from, method)
     do while (more)
       call step_watched(at, method, system, watch, wanted, more)
@@ -211,19 +217,15 @@ contains
         call give_up(method, at, t_reached, outcome)
         return
       end if
-      if (.not. at%made) then
+      if (.not. (at%made .or. system%limited)) then
         call halve(at, method, system, more)
         if (more) cycle
       end if
-      doubtful = .not. at%made
-      if (system%limited .and. .not. doubtful) then
-        doubtful = .not. method%least_margin(system, at%q, at%v) > 0.0_wp
-      end if
       ! Beyond a surface the equations are others, or the motion was thrown back.
       if (at%n_passed > 0) call past%forget()
-      if (doubtful) then
+      if (.not. at%made .or. at%near_edge) then
         call system%take_sides(0*at%sides)
-        call judge_step(method, system, at, past, at%made, .false., t_reached, outcome)
+        call judge_step(method, system, at, past, wanted, n_before, watch, t_reached, outcome)
         call system%take_sides(at%sides)
         if (outcome /= run_completed) return
       end if
@@ -251,42 +253,55 @@ contains
   end subroutine enter_piece
 
   !> Whether the step that was not made, or comes near the edge of the physics, leads out; if so
-  !! the state in `method` becomes that at the stop.
-  subroutine judge_step(method, system, at, past, made, fills, t_reached, outcome)
+  !! the state in `method` becomes that at the stop. If not, small steps stand for it there: beside
+  !! the edge the motion is stiff or fast, and a step may be wrong that seems to be made.
+  subroutine judge_step(method, system, at, past, wanted, n_before, watch, t_reached, outcome)
     class(stepper_type), intent(inout) :: method
     class(driven_system_type), intent(in) :: system
     type(watched_step_type), intent(in) :: at
     type(run_history), intent(in) :: past
-    !> Whether it was made; whether small steps may stand for it beside the edge, where the
-    !! motion is stiff: nothing else is asked of its inside.
-    logical, intent(in) :: made, fills
+    type(wanted_states), intent(inout) :: wanted
+    !> Wanted states that were known before the step.
+    integer, intent(in) :: n_before
+    type(watch_type), intent(inout) :: watch
     real(wp), intent(out) :: t_reached
     integer, intent(out) :: outcome
     type(stop_type) :: stop
     real(wp) :: frequencies(n_lanes, size(system%drives)), h
-    logical :: sound
+    logical :: sound, fills
 
     frequencies = spread(system%drives, 1, n_lanes)
     h = method%h
     if (at%short) h = at%until - at%from
     call find_stop(system, size(at%q), 1, frequencies, at%q, at%v, at%from, h, stop)
+    fills = system%limited .and. (stop%near_edge .or. stop%outcome /= run_completed)
+    if (fills .and. stop%outcome /= run_coarse) then
+      wanted%n_reached = n_before
+      wanted%lost = .false.
+      call note_small_steps(system, at%q, at%v, at%from, h, watch, wanted, stop)
+    end if
     outcome = stop%outcome
+    t_reached = at%from
+    if (outcome == run_event) then
+      t_reached = at%from + stop%ahead
+      method%q = stop%q
+      method%v = stop%v
+      return
+    end if
+    if (fills .and. outcome == run_completed) then
+      if (at%made) then
+        call method%put(stop%q, stop%v)
+      else
+        call method%arrive(stop%q, stop%v)
+      end if
+      return
+    end if
     if (outcome == run_completed .or. outcome == run_coarse) then
-      sound = made
+      outcome = run_completed
+      sound = at%made
       if (sound) sound = in_range(method%q, method%v)
       if (sound) sound = system%physical(method%q)
-      if (fills .and. stop%near_edge .and. stop%outcome == run_completed &
-          .and. (method%explicit .or. .not. made)) then
-        call method%arrive(stop%q, stop%v)
-        t_reached = at%from
-        outcome = run_completed
-        return
-      end if
-      if (sound) then
-        t_reached = at%from
-        outcome = run_completed
-        return
-      end if
+      if (sound) return
       stop%outcome = run_coarse
     end if
     call past%confirm(system, 1, size(at%q), 1, frequencies, 1.0_wp, at%from, h, stop)

@@ -7,20 +7,24 @@
 !!
 !! A damped pendulum reaches its pivot otherwise than by passing it: near it the damping
 !! moment -c phi' takes the angular momentum (1+z)^2 phi' away at the rate c/(1+z)^2, and
-!! z' stays as it is. Steps then shrink with (1+z)^2, and the rest of the way is a straight
-!! line from where the margin is small enough.
+!! z' stays as it is. Explicit steps would shrink with (1+z)^2, so where damping is what limits
+!! them they are implicit ones, of the same order. The rest of the way is a straight line from
+!! where the margin is small enough.
 module viscovib_stops
   use, intrinsic :: ieee_arithmetic, only: ieee_all, ieee_get_halting_mode, ieee_set_flag, &
     ieee_set_halting_mode
-  use viscovib_driven_system, only: driven_system_type
+  use viscovib_driven_system, only: differentiable_system_type, driven_system_type
   use viscovib_explicit, only: explicit_type, new_explicit
   use viscovib_kinds, only: wp
   use viscovib_lanes, only: n_lanes
+  use viscovib_quadrature, only: gauss_nodes
+  use viscovib_step_path, only: new_path, step_path
+  use viscovib_stiff_step, only: fastest_damping, n_nodes, radau_nodes, stiff_step
   use viscovib_vector_math, only: largest_angle
   implicit none
   private
 
-  public :: find_stop, stop_type, in_range, least_between
+  public :: find_stop, stop_type, step_visitor, in_range, least_between, needs_small_steps
 
   !> How a run ends: all steps done; a coordinate or velocity leaves the range of
   !! numbers; the state leaves the system's physics; the time for it was over; the motion
@@ -41,7 +45,13 @@ module viscovib_stops
   !> Steps after which a step of the run is given up as too large, and as many near the
   !! edge of the physics, where the margin is less.
   integer, parameter :: max_steps = 2000, max_near = 100000
-  real(wp), parameter, public :: near = 0.1_wp
+  real(wp), parameter :: near = 0.1_wp
+  !> Margin below which damping may be fast, its rate times the step from which on a step of the run
+  !! may be wrong, and what of it belongs to the relative change of the margin.
+  real(wp), parameter :: within_reach = 0.5_wp, fast = 1.0_wp, of_change = 2.5_wp
+  !> Rate of damping times the step beyond which small steps are implicit: explicit ones, where the
+  !! motion limits them and not their stability, are shorter.
+  real(wp), parameter :: stiff = 3.0_wp
   !> Order of the difference of a step and two of half its length, in the step.
   real(wp), parameter :: order = 10.0_wp
   !> Place of the method in `explicit_names`.
@@ -50,12 +60,27 @@ module viscovib_stops
   !> How a motion ends in a step, when and where; `run_completed`: it does not.
   type :: stop_type
     integer :: outcome = run_completed
-    !> Whether the motion came near the edge of the physics.
+    !> Whether the motion came near the edge of the physics, where small steps may stand for one of
+    !! the run.
     logical :: near_edge = .false.
     !> From the start of the step.
     real(wp) :: ahead = 0.0_wp
     real(wp), allocatable :: q(:), v(:)
   end type stop_type
+
+  !> One that is shown the motion inside each of the small steps, in their order.
+  type, abstract :: step_visitor
+  contains
+    procedure(visit_interface), deferred :: visit
+  end type step_visitor
+
+  abstract interface
+    subroutine visit_interface(self, path)
+      import :: step_path, step_visitor
+      class(step_visitor), intent(inout) :: self
+      type(step_path), intent(in) :: path
+    end subroutine visit_interface
+  end interface
 
   !> One trajectory in a lane of its own.
   type :: scout_type
@@ -64,6 +89,8 @@ module viscovib_stops
     !> Start of the step of the run, and of the present one after it.
     real(wp) :: start = 0.0_wp, ahead = 0.0_wp
     real(wp), allocatable :: q(:), v(:)
+    !> Whether its next step is an implicit one; whether the last one was made.
+    logical :: implicit = .false., made = .true.
   end type scout_type
 
 contains
@@ -74,6 +101,26 @@ contains
     in_range = all(abs(q) <= largest_angle) .and. all(abs(v) <= largest_speed)
   end function in_range
 
+  !> Whether a step of the run may be wrong that seems to be made: beside the edge of the physics
+  !! motions are fast or stiff.
+  logical function needs_small_steps(system, lane, q, v, h, least) result(needs)
+    class(driven_system_type), intent(in) :: system
+    !> Lane of the block whose parameters count; state before the step; its length and least
+    !! margin.
+    integer, intent(in) :: lane
+    real(wp), intent(in) :: q(:), v(:), h, least
+    real(wp), dimension(n_lanes) :: here, moved_on
+    needs = .not. least > near
+    if (needs .or. least > within_reach) return
+    select type (system)
+    class is (differentiable_system_type)
+      here = system%margin(spread(q, 1, n_lanes))
+      moved_on = system%margin(spread(q + h*v, 1, n_lanes))
+      needs = h*fastest_damping(system, lane, q, v) &
+              > fast + of_change*abs(moved_on(lane) - here(lane))/here(lane)
+    end select
+  end function needs_small_steps
+
   !> Lower bound of a quantity between two places, from its values and its rates times
   !! their distance: the hull of the cubic through them.
   pure elemental real(wp) function least_between(from, rate_from, to, rate_to)
@@ -82,7 +129,7 @@ contains
   end function least_between
 
   !> How the motion from (q, v) at time `start` ends within h, if it does.
-  subroutine find_stop(system, n, lane, frequencies, q, v, start, h, stop)
+  subroutine find_stop(system, n, lane, frequencies, q, v, start, h, stop, visitor)
     class(driven_system_type), intent(in) :: system
     !> Coordinates of the motion itself, the others may run away; lane of the block whose
     !! parameters count; circular frequencies of the loads, shape (n_lanes, n_drives).
@@ -91,6 +138,8 @@ contains
     !> Shape (system%n_dof).
     real(wp), intent(in) :: q(:), v(:), start, h
     type(stop_type), intent(out) :: stop
+    !> Only where all lanes have the same parameters, and no coordinate runs away.
+    class(step_visitor), intent(inout), optional :: visitor
     type(scout_type) :: begin
     type(explicit_type) :: method
     logical :: halting(size(ieee_all))
@@ -107,18 +156,19 @@ contains
     call ieee_set_halting_mode(ieee_all, .false.)
     call new_explicit(method, system%n_dof, method_place, frequencies, spread(q, 1, n_lanes), &
                       spread(v, 1, n_lanes), start, spread(0.0_wp, 1, n_lanes))
-    call march(system, method, begin, h, stop)
+    call march(system, method, begin, h, stop, visitor)
     call ieee_set_flag(ieee_all, .false.)
     call ieee_set_halting_mode(ieee_all, halting)
   end subroutine find_stop
 
   !> Small steps up to h or to the stop.
-  subroutine march(system, method, begin, h, stop)
+  subroutine march(system, method, begin, h, stop, visitor)
     class(driven_system_type), intent(in) :: system
     type(explicit_type), intent(inout) :: method
     type(scout_type), intent(in) :: begin
     real(wp), intent(in) :: h
     type(stop_type), intent(out) :: stop
+    class(step_visitor), intent(inout), optional :: visitor
     type(scout_type) :: at, whole, half, double
     real(wp) :: s, shortest, miss, margin, lost
     integer :: n_far, n_near
@@ -145,12 +195,16 @@ contains
         if (margin <= edge) then
           ! The straight rest of the way.
           stop%outcome = run_unphysical
+          call show_line(at, min(h - at%ahead, margin/lost), visitor)
           at%ahead = min(h, at%ahead + margin/lost)
           exit
         end if
         ! Where it begins does not depend on the run.
         if (margin <= 2.0_wp*edge) s = min(s, (margin - edge*(1.0_wp - 1.0e-9_wp))/lost)
       end if
+      at%implicit = is_stiff(system, at, s)
+      stop%near_edge = stop%near_edge &
+                       .or. needs_small_steps(system, at%lane, at%q, at%v, h, margin)
       if (margin > near) n_far = n_far + 1
       if (.not. margin > near) n_near = n_near + 1
       call step_from(system, method, at, s, whole)
@@ -159,19 +213,24 @@ contains
       miss = apart(whole, double, h)
       if (.not. miss <= 1.0_wp) then
         s = s*max(0.2_wp, 0.9_wp*miss**(-1.0_wp/order))
+      else if (at%implicit .and. leaves(system, whole)) then
+        ! To where the straight rest of the way begins: beyond it rounding is all there is.
+        lost = margin - margin_of(system, whole)
+        s = s*min(0.9_wp, (margin - 1.5_wp*edge)/lost)
       else if (leaves(system, whole)) then
         call bisect(system, method, at, s, stop)
+        call show_step(system, method, at, stop%ahead - at%ahead, visitor)
         return
       else if (min(least_margin(system, at, half, 0.5_wp*s), &
                    least_margin(system, half, double, 0.5_wp*s)) <= 0.0_wp) then
         ! Whether it leaves between is seen with smaller steps.
         s = 0.5_wp*s
       else
+        call show_step(system, method, at, s, visitor)
         at = double
         s = s*min(4.0_wp, 0.9_wp*max(miss, tiny(1.0_wp))**(-1.0_wp/order))
       end if
     end do
-    stop%near_edge = n_near > 0
     stop%ahead = at%ahead
     stop%q = at%q
     stop%v = at%v
@@ -221,15 +280,20 @@ contains
     real(wp), intent(in) :: s
     type(scout_type), intent(out) :: next
     real(wp), dimension(n_lanes, system%n_dof) :: q, v
+    real(wp), dimension(n_nodes, system%n_dof) :: q_nodes, v_nodes
     real(wp) :: h(n_lanes)
 
-    q = spread(at%q, 1, n_lanes)
-    v = spread(at%v, 1, n_lanes)
+    if (at%implicit) then
+      next = at
+      call nodes_of(system, at, s, q_nodes, v_nodes, next%made)
+      next%ahead = at%ahead + s
+      next%q = q_nodes(n_nodes, :)
+      next%v = v_nodes(n_nodes, :)
+      return
+    end if
     h = 0.0_wp
     h(at%lane) = s
-    call method%begin_again(at%frequencies, q, v, at%start + at%ahead, h)
-    if (allocated(system%quarters)) call method%turn_phases(system%quarters)
-    if (system%timed) method%since = at%start - system%present_piece(1) + at%ahead
+    call begin_at(system, method, at, h)
     call method%step(system)
     call method%get_state(q, v)
     next = at
@@ -237,6 +301,111 @@ contains
     next%q = q(at%lane, :)
     next%v = v(at%lane, :)
   end subroutine step_from
+
+  !> Whether the damping of a motion is faster than an explicit step can follow.
+  logical function is_stiff(system, at, s)
+    class(driven_system_type), intent(in) :: system
+    type(scout_type), intent(in) :: at
+    real(wp), intent(in) :: s
+    is_stiff = .false.
+    select type (system)
+    class is (differentiable_system_type)
+      is_stiff = s*fastest_damping(system, at%lane, at%q, at%v) > stiff
+    end select
+  end function is_stiff
+
+  !> States at the nodes of an implicit step; those at its start where it cannot be made.
+  subroutine nodes_of(system, at, s, q, v, made)
+    class(driven_system_type), intent(in) :: system
+    type(scout_type), intent(in) :: at
+    real(wp), intent(in) :: s
+    real(wp), intent(out) :: q(:, :), v(:, :)
+    logical, intent(out) :: made
+    made = .false.
+    select type (system)
+    class is (differentiable_system_type)
+      call stiff_step(system, at%lane, at%frequencies(at%lane, :), at%start + at%ahead, s, at%q, &
+                      at%v, q, v, made)
+    end select
+    if (made) return
+    q = spread(at%q, 1, n_nodes)
+    v = spread(at%v, 1, n_nodes)
+  end subroutine nodes_of
+
+  !> Put all lanes where a trajectory is, each with a step of its own.
+  subroutine begin_at(system, method, at, h)
+    class(driven_system_type), intent(in) :: system
+    type(explicit_type), intent(inout) :: method
+    type(scout_type), intent(in) :: at
+    real(wp), intent(in) :: h(n_lanes)
+    call method%begin_again(at%frequencies, spread(at%q, 1, n_lanes), spread(at%v, 1, n_lanes), &
+                            at%start + at%ahead, h)
+    if (allocated(system%quarters)) call method%turn_phases(system%quarters)
+    if (system%timed) method%since = at%start - system%present_piece(1) + at%ahead
+  end subroutine begin_at
+
+  !> Show a small step: by steps of eight parts of its length, one a lane, which have the order of
+  !! the method; an implicit one by its nodes.
+  subroutine show_step(system, method, at, s, visitor)
+    class(driven_system_type), intent(in) :: system
+    type(explicit_type), intent(inout) :: method
+    type(scout_type), intent(in) :: at
+    real(wp), intent(in) :: s
+    class(step_visitor), intent(inout), optional :: visitor
+    type(scout_type) :: last
+    real(wp), dimension(n_lanes, system%n_dof) :: q, v
+    real(wp), dimension(n_nodes, system%n_dof) :: q_nodes, v_nodes
+    real(wp) :: nodes(n_lanes), weights(n_lanes)
+
+    if (.not. present(visitor)) return
+    if (at%implicit) then
+      last = at
+      call nodes_of(system, at, s, q_nodes, v_nodes, last%made)
+      last%q = q_nodes(n_nodes, :)
+      last%v = v_nodes(n_nodes, :)
+      call show(at, s, radau_nodes(:n_nodes - 1), q_nodes(:n_nodes - 1, :), &
+                v_nodes(:n_nodes - 1, :), last, visitor)
+      return
+    end if
+    call step_from(system, method, at, s, last)
+    call gauss_nodes(n_lanes, nodes, weights)
+    call begin_at(system, method, at, s*nodes)
+    call method%step(system)
+    call method%get_state(q, v)
+    call show(at, s, nodes, q, v, last, visitor)
+  end subroutine show_step
+
+  !> Show the straight rest of the way.
+  subroutine show_line(at, s, visitor)
+    type(scout_type), intent(in) :: at
+    real(wp), intent(in) :: s
+    class(step_visitor), intent(inout), optional :: visitor
+    real(wp) :: none(0, size(at%q))
+    if (.not. present(visitor)) return
+    call show(at, s, none(:, 1), none, none, moved(at, s), visitor)
+  end subroutine show_line
+
+  !> Show the motion by its states at both ends of a step and at places between.
+  subroutine show(at, s, places, q, v, last, visitor)
+    type(scout_type), intent(in) :: at, last
+    real(wp), intent(in) :: s, places(:), q(:, :), v(:, :)
+    class(step_visitor), intent(inout) :: visitor
+    type(step_path) :: path
+    integer :: m
+
+    m = size(places)
+    call new_path(path, [0.0_wp, places, 1.0_wp])
+    path%start = at%start + at%ahead
+    path%h = s
+    allocate (path%q(m + 2, size(at%q)), path%v(m + 2, size(at%q)))
+    path%q(1, :) = at%q
+    path%v(1, :) = at%v
+    path%q(2:m + 1, :) = q
+    path%v(2:m + 1, :) = v
+    path%q(m + 2, :) = last%q
+    path%v(m + 2, :) = last%v
+    call visitor%visit(path)
+  end subroutine show
 
   !> By how much two ends of a step differ, 1: as much as they may; huge if one of them
   !! is no number.
@@ -246,6 +415,7 @@ contains
     real(wp), intent(in) :: h
     real(wp) :: size_of
     apart = huge(1.0_wp)
+    if (.not. (one%made .and. other%made)) return
     associate (n => one%n)
       ! All of them: a largest one skips what is no number.
       if (.not. (all(abs(one%q(:n)) <= huge(1.0_wp)) .and. all(abs(one%v(:n)) <= huge(1.0_wp)) &

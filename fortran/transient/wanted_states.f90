@@ -4,6 +4,7 @@ module viscovib_wanted_states
   use viscovib_driven_system, only: driven_system_type
   use viscovib_kinds, only: wp
   use viscovib_lanes, only: n_lanes
+  use viscovib_step_path, only: step_path
   use viscovib_stepper, only: stepper_type
   use viscovib_stops, only: find_stop, in_range, run_completed, stop_type
   implicit none
@@ -20,6 +21,7 @@ module viscovib_wanted_states
   contains
     procedure :: within
     procedure :: keep_between
+    procedure :: keep_along
   end type wanted_states
 
 contains
@@ -67,5 +69,23 @@ contains
       self%states(2::2, self%n_reached) = v
     end do
   end subroutine keep_between
+
+  !> States at the wanted times before `until`, by the motion inside a step.
+  subroutine keep_along(self, path, until)
+    class(wanted_states), intent(inout) :: self
+    type(step_path), intent(in) :: path
+    real(wp), intent(in) :: until
+    real(wp) :: t(1), q(1, size(path%q, 2)), v(1, size(path%q, 2))
+    do while (self%n_reached < size(self%times))
+      associate (next => self%times(self%n_reached + 1))
+        if (next >= until) return
+        call path%at([max(0.0_wp, next - path%start)/path%h], t, q, v)
+      end associate
+      self%n_reached = self%n_reached + 1
+      if (counting) call count_up(counted_states, 1)
+      self%states(1::2, self%n_reached) = q(1, :)
+      self%states(2::2, self%n_reached) = v(1, :)
+    end do
+  end subroutine keep_along
 
 end module viscovib_wanted_states

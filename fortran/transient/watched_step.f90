@@ -10,7 +10,7 @@ module viscovib_watched_step
   use viscovib_law_branches, only: slides, watched_function
   use viscovib_step_path, only: step_path
   use viscovib_stepper, only: stepper_type
-  use viscovib_stops, only: in_range
+  use viscovib_stops, only: in_range, needs_small_steps
   use viscovib_wanted_states, only: wanted_states
   use viscovib_watch, only: passage_type, watch_type
   implicit none
@@ -48,6 +48,9 @@ module viscovib_watched_step
     logical, allocatable :: fresh(:)
     !> The last part was made; an event ends the run; the part of the step that was passed.
     logical :: made = .false., ended = .false.
+    !> The part was made, but comes so near to the edge of the physics that only small steps follow
+    !! the motion: nothing was noted of it.
+    logical :: near_edge = .false.
     !> The motion stays on a surface, as where dry friction sticks: no part leads on.
     logical :: stuck = .false.
     !> How many surfaces were passed in this step.
@@ -113,6 +116,12 @@ contains
     call method%step(system, at%made)
     if (at%made) at%made = in_range(method%q, method%v)
     if (.not. at%made) return
+    at%near_edge = system%limited
+    if (system%limited) then
+      at%near_edge = needs_small_steps(system, 1, at%q, at%v, method%h, &
+                                       method%least_margin(system, at%q, at%v))
+    end if
+    if (at%near_edge) return
     call trace(at, method, system)
     call first_surface(at, system, which, place)
     if (which > 0) then
