@@ -149,12 +149,24 @@ contains
   !> Rows of `series`: forces on the coordinates, then the motion of the base.
   subroutine make_load(load, orders, series, status)
     type(load_type), intent(out) :: load
+    !> A term of order k, or -1 - k: what the base moves each coordinate by.
     integer, intent(in) :: orders(:)
     complex(wp), intent(in) :: series(:, :)
     type(status_type), intent(out) :: status
-    integer :: n
+    complex(wp), dimension(size(series, 1) - 1, size(orders)) :: force, moved
+    integer :: j, n
     n = size(series, 1) - 1
-    call new_load(load, n, orders, series(:n, :), series(n + 1, :), status)
+    force = (0.0_wp, 0.0_wp)
+    moved = (0.0_wp, 0.0_wp)
+    do j = 1, size(orders)
+      if (orders(j) < 0) then
+        moved(:, j) = series(:n, j)
+      else
+        force(:, j) = series(:n, j)
+      end if
+    end do
+    call new_load(load, n, merge(-1 - orders, orders, orders < 0), force, series(n + 1, :), &
+                  status, moved)
   end subroutine make_load
 
   !> 0 harmonics: chosen on the way; the tolerance relative, and absolute in coordinates.
@@ -242,13 +254,13 @@ contains
   !> A base that moves by waves and by cubics between breaks; one break: there are none.
   subroutine make_base(base, direction, frequencies, waves, breaks, pieces)
     type(base_motion_type), intent(inout) :: base
-    !> How the coordinates move with it.
+    !> How the coordinates move with it; none: each has a displacement of its own.
     real(wp), intent(in) :: direction(:)
-    !> Shapes (n), (n), (m) and (4, m).
-    real(wp), intent(in) :: frequencies(:), breaks(:), pieces(:, :)
-    complex(wp), intent(in) :: waves(:)
+    !> Shapes (n), (m), (4, q, m) and (q, n).
+    real(wp), intent(in) :: frequencies(:), breaks(:), pieces(:, :, :)
+    complex(wp), intent(in) :: waves(:, :)
     if (size(breaks) == 1 .and. .not. any(abs(waves) > 0.0_wp)) return
-    base%direction = direction
+    if (size(direction) > 0) base%direction = direction
     base%frequencies = frequencies
     base%amplitudes = waves
     if (size(breaks) == 1) return

@@ -10,7 +10,8 @@
 !! of the times `before` with displacements `moved`, ascending to 0. The base moves by
 !! waves(k) at frequencies(k), and by the cubics between base_breaks, the last for ever
 !! (n_base = 1: no cubics); of this its acceleration is in the load already, and states
-!! are those of the body. With resume = 1, `memory` is what an earlier call returned in
+!! are those of the body; n_waves = 1: along the direction of the system, n_waves = n_dof: each
+!! coordinate by its own. With resume = 1, `memory` is what an earlier call returned in
 !! `kept`(:n_kept); if n_kept > n_memory there was no room for it. With resume = 2 load and
 !! base are others than then, and `initial` counts. resolution: largest last Legendre
 !! coefficient of a displacement on a step, relative to its largest value. reason /= 0: no
@@ -18,9 +19,9 @@
 !! computed, as `moving_coordinates` tells; the others stay at rest.
 subroutine mount_simulate(flat, n_flat, kind_x, data_x, n_x, kind_phi, data_phi, n_phi, &
                           frequencies, amplitudes, n_dof, n_frequencies, breaks, pieces, &
-                          n_breaks, waves, base_breaks, base_pieces, n_base, ends, made_by, &
-                          n_ends, s, past, held, before, moved, n_before, moves, initial, h, &
-                          shortest, kinks, t_end, tolerance, first, n_steps, save_every, &
+                          n_breaks, waves, n_waves, base_breaks, base_pieces, n_base, ends, &
+                          made_by, n_ends, s, past, held, before, moved, n_before, moves, initial, &
+                          h, shortest, kinks, t_end, tolerance, first, n_steps, save_every, &
                           resume, memory, n_memory, times, n_times, n_columns, watched, &
                           n_watch, sides, n_sides, most, states, at_times, last, kept, n_kept, &
                           n_done, n_reached, t_reached, ended, n_iterations, resolution, reason, &
@@ -39,13 +40,13 @@ subroutine mount_simulate(flat, n_flat, kind_x, data_x, n_x, kind_phi, data_phi,
   implicit none
   integer(c_int), intent(in) :: n_flat, kind_x, n_x, kind_phi, n_phi, n_dof, n_frequencies
   integer(c_int), intent(in) :: n_ends, n_breaks, s, past, resume, n_before, n_memory, n_times
-  integer(c_int), intent(in) :: n_columns, moves(n_dof), n_base, kinks
+  integer(c_int), intent(in) :: n_columns, moves(n_dof), n_base, kinks, n_waves
   integer(c_long), intent(in) :: first, n_steps, save_every, made_by(n_ends)
   real(c_double), intent(in) :: flat(n_flat), data_x(n_x), data_phi(n_phi), ends(n_ends)
   real(c_double), intent(in) :: frequencies(n_frequencies), breaks(n_breaks)
   complex(c_double_complex), intent(in) :: amplitudes(n_dof, n_frequencies)
-  complex(c_double_complex), intent(in) :: waves(n_frequencies)
-  real(c_double), intent(in) :: base_breaks(n_base), base_pieces(4, n_base)
+  complex(c_double_complex), intent(in) :: waves(n_waves, n_frequencies)
+  real(c_double), intent(in) :: base_breaks(n_base), base_pieces(4, n_waves, n_base)
   real(c_double), intent(in) :: pieces(n_dof, 4, n_breaks), held(n_dof), initial(2*n_dof)
   real(c_double), intent(in) :: before(n_before), moved(n_dof, n_before)
   real(c_double), intent(in) :: h, shortest, t_end, tolerance
@@ -98,7 +99,12 @@ subroutine mount_simulate(flat, n_flat, kind_x, data_x, n_x, kind_phi, data_phi,
     load%breaks = breaks
     load%pieces = pieces(dofs, :, :)
     if (any(abs(waves) > 0.0_c_double) .or. n_base > 1) then
-      call make_base(base, system%base_direction, frequencies, waves, base_breaks, base_pieces)
+      if (n_waves > 1) then
+        call make_base(base, [real(c_double) ::], frequencies, waves(dofs, :), base_breaks, &
+                       base_pieces(:, dofs, :))
+      else
+        call make_base(base, system%base_direction, frequencies, waves, base_breaks, base_pieces)
+      end if
     end if
     call new_mesh(mesh, h, ends, made_by)
     piece = mesh%piece_of(first)

@@ -106,7 +106,7 @@ contains
   !> The motion relative to the base, and what the harmonic measured has besides.
   subroutine take_base_motion(coordinate, first)
     integer, intent(in) :: coordinate, first
-    complex(c_double_complex) :: base
+    complex(c_double_complex) :: base, shift(system%n_dof())
     real(c_double) :: factor(n)
     integer :: j, k
 
@@ -115,7 +115,8 @@ contains
     do j = 1, size(load%orders)
       k = findloc(kept, load%orders(j), 1)
       if (k == 0) cycle
-      base = system%base_direction(coordinate)*load%base(j)
+      shift = load%shift(system, j)
+      base = shift(coordinate)
       x(first + 2*k - 1, :) = x(first + 2*k - 1, :) - factor*real(base)
       x(first + 2*k, :) = x(first + 2*k, :) - factor*aimag(base)
       if (coordinate /= dof .or. k /= place) cycle

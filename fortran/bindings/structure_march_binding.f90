@@ -122,7 +122,8 @@ subroutine structure_simulate(elements, n_elements, squares, rates, n, seen, pus
     allocate (load%frequencies(0), load%amplitudes(columns, 0))
     load%breaks = breaks
     load%pieces = pieces(:columns, :, :)
-    call make_base(base, direction, frequencies, base_waves, base_breaks, base_pieces)
+    call make_base(base, direction, frequencies, spread(base_waves, 1, 1), base_breaks, &
+                   spread(base_pieces, 2, 1))
     call new_mesh(mesh, h, ends, made_by)
     piece = mesh%piece_of(first)
     call base%enter(mesh%beginning(piece), mesh%ends(piece))
@@ -138,7 +139,7 @@ subroutine structure_simulate(elements, n_elements, squares, rates, n, seen, pus
     if (reason == begun .and. resume /= 0) then
       call run%load_memory(memory, resume == 2)
       if (resume == 2) then
-        call run%kick(base, kick(1), kick(2))
+        call run%kick(base, kick(1:1), kick(2:2))
         call run%get_state(u, v)
         call run%take_up(system, load, mesh%start_of(first), u, v, made)
       end if

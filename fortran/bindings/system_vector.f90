@@ -4,7 +4,8 @@
 !!   n, n_springs, n_monomials, n_kernels, factor of all kernels; M (n^2); C (n^2);
 !!   base direction (n); of each spring: kernel, K (n^2); of each monomial:
 !!   coefficient, equation, kernel, powers (n); of each kernel: kind, number of data,
-!!   data; where there are any, how many laws are no polynomials, and each (`new_law_term`).
+!!   data; how many laws are no polynomials, and each (`new_law_term`); damping and stiffness that
+!!   hang on space (n^2 each). The last two, or the last, may be missing.
 !!
 !! Matrices are column by column.
 module viscovib_system_vector
@@ -71,6 +72,10 @@ contains
         call new_law_term(p%laws(i), vector(at + 1:), n, n_data)
         at = at + n_data
       end do
+    end if
+    if (at < size(vector)) then
+      p%space_damping = reshape(next(n*n), [n, n])
+      p%space_stiffness = reshape(next(n*n), [n, n])
     end if
     call check_finite('memory_scale', vector(5:5), status)
     if (status%failed()) return

@@ -234,16 +234,18 @@ contains
     subroutine add_base_motion()
       real(wp), allocatable :: factor(:)
       complex(wp), allocatable :: moved(:)
+      complex(wp) :: y(system%n_dof())
       integer :: i, j, d, k
       allocate (factor(branch%n_points), source=1.0_wp)
       if (job%varies == 'load_factor') factor = branch%parameter(:branch%n_points)
       do j = 1, size(load%orders)
         do i = 1, size(orders)
           if (orders(i) /= load%orders(j)) cycle
+          y = load%shift(system, j)
           do d = 1, system%n_dof()
             k = 2*(i + size(orders)*(d - 1))
             ! On their own, so that sums are rounded as elsewhere.
-            moved = factor*(system%base_direction(d)*load%base(j))
+            moved = factor*y(d)
             branch%x(k - 1, :branch%n_points) = branch%x(k - 1, :branch%n_points) + real(moved)
             branch%x(k, :branch%n_points) = branch%x(k, :branch%n_points) + aimag(moved)
           end do

@@ -158,9 +158,11 @@ contains
       frequency = max(frequency, maker%load%frequencies(k))
     end do
     if (load%moves_base()) then
-      maker%base%direction = system%base_direction
       maker%base%frequencies = maker%load%frequencies
-      maker%base%amplitudes = load%base
+      allocate (maker%base%amplitudes(system%n_dof(), size(load%orders)))
+      do k = 1, size(load%orders)
+        maker%base%amplitudes(:, k) = load%shift(system, k)
+      end do
     end if
     frequency = job%t_end*frequency*per_period(job%method)/(2.0_wp*pi)
     if (counting) call count_up(counted_idle, count( &

@@ -57,7 +57,7 @@ contains
       if (model%load%moves_base()) then
         maker%base%direction = model%base_direction(places)
         maker%base%frequencies = frequencies
-        maker%base%amplitudes = model%load%base
+        maker%base%amplitudes = spread(model%load%base, 1, 1)
       end if
     end associate
     call set_start(maker, job, model)
@@ -150,7 +150,7 @@ contains
     u = job%initial(1::2)
     v = job%initial(2::2)
     base = maker%base
-    if (allocated(base%direction)) base%direction = model%base_direction
+    if (base%moves()) base%direction = model%base_direction
     call base%add_to(0.0_wp, u, v, share=-1.0_wp)
     z = pole_state(model, maker%sections%others%poles, u, v)
     maker%q = [moved(u), real(z)]

@@ -27,6 +27,10 @@ module viscovib_subject
     logical :: is_pendulum = .false., is_polynomial = .false., is_structure = .false.
     !> A body under finite rotations; one under small ones is a polynomial system.
     logical :: is_turning = .false.
+    !> Any body in space: its centre of mass in the axes of the positions, and how it is turned
+    !! where it rests.
+    logical :: is_body = .false.
+    real(wp) :: center(3) = 0.0_wp, axes(3, 3) = 0.0_wp
     !> What reading found worth a warning, a line each.
     character(len=:), allocatable :: warned
     type(pendulum_type) :: pendulum

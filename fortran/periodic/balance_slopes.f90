@@ -38,14 +38,18 @@ contains
     real(wp), intent(in) :: x(2*size(self%set%orders), self%n_dof)
     real(wp), intent(out) :: slope(2*size(self%set%orders), self%n_dof)
     complex(wp) :: total(size(self%set%orders), size(x, 2)), y(size(self%set%orders), size(x, 2))
+    complex(wp) :: base(size(load%moved, 1), size(load%orders))
     integer :: a, b, k
 
     total = (0.0_wp, 0.0_wp)
     do b = 1, self%n_dof
       y(:, b) = cmplx(x(1::2, b), x(2::2, b), wp)
     end do
-    call system%add_frequency_slope(self%set%orders, self%nu, y, load%orders, load%force, &
-                                    load%base, self%load_factor, total)
+    do k = 1, size(load%orders)
+      base(:, k) = load%shift(system, k)
+    end do
+    call system%add_frequency_slope(self%set%orders, self%nu, y, load%orders, load%force, base, &
+                                    self%load_factor, total)
     do a = 1, self%n_dof
       slope(1::2, a) = real(total(:, a))
       slope(2::2, a) = aimag(total(:, a))

@@ -149,8 +149,8 @@ contains
       do k = 1, size(self%set%orders)
         if (load%orders(j) /= self%set%orders(k)) cycle
         self%load(k, :) = load%force(:, j)
-        if (.not. (abs(load%base(j)) > 0.0_wp .or. system%condensed)) cycle
-        self%load(k, :) = system%load_coefficient(load%force(:, j), load%base(j), &
+        if (.not. (load%moves_base() .or. system%condensed)) cycle
+        self%load(k, :) = system%load_coefficient(load%force(:, j), load%shift(system, j), &
                                                   load%orders(j), nu, self%stiffness(:, :, k), &
                                                   self%fraction(k, :))
       end do

@@ -152,6 +152,7 @@ contains
     class(response_type), intent(inout) :: self
     class(oscillator_type), intent(in) :: system
     type(load_type), intent(in) :: load
+    complex(wp) :: y(system%n_dof())
     integer :: i, j, d
 
     if (.not. load%moves_base()) return
@@ -159,9 +160,9 @@ contains
       do i = 1, size(self%orders)
         if (self%orders(i) /= load%orders(j)) cycle
         if (counting) call count_up(counted_base, size(self%nu))
+        y = load%shift(system, j)
         do d = 1, system%n_dof()
-          self%coefficients(i, d, :) = self%coefficients(i, d, :) &
-                                       + system%base_direction(d)*load%base(j)
+          self%coefficients(i, d, :) = self%coefficients(i, d, :) + y(d)
         end do
       end do
     end do

@@ -90,8 +90,10 @@ contains
     end if
     subject%is_polynomial = .not. body%exact
     subject%is_turning = body%exact
+    subject%is_body = .true.
+    subject%center = center
+    subject%axes = rest%axes(body%exact)
     status = reader%status
-
   end subroutine read_body
 
   !> The &body group.
@@ -133,10 +135,6 @@ contains
                            //'(a diagonal) or 9 (row by row)')
     end if
     if (.not. reader%status%failed()) call check_inertia(reader, body%inertia)
-    if (any(abs(body%spin) > 0.0_wp) &
-        .and. any(abs(body%base_direction(4:6)) > 0.0_wp)) then
-      call reader%complain('spin', 'spin: must be 0 on a floor that turns')
-    end if
     if (.not. body%exact .or. reader%status%failed()) return
     if (any(abs(body%base_direction(4:6)) > 0.0_wp)) then
       call reader%complain('base_direction', 'base_direction: must not turn the floor with ' &

@@ -115,7 +115,7 @@ contains
     else if (subject%is_polynomial .and. .not. subject%is_turning) then
       subject%warned = subject%warned//hidden_springs(subject%polynomial)
     end if
-    call read_loads(file, subject%coordinates, subject%base_direction(), load, canonical, status)
+    call read_loads(file, subject, load, canonical, status)
     if (.not. subject%is_structure .or. status%failed()) then
       subject%load = load
       return

@@ -1,5 +1,6 @@
 !> A periodic load as a Fourier series: forces on the coordinates and motion
-!! of the base, both in the form Im sum_k P_k exp(i k nu t).
+!! of the base, both in the form Im sum_k P_k exp(i k nu t). The base moves along the direction
+!! that a system has, or each coordinate by its own amplitude.
 !!
 !! The mean (k = 0) is the imaginary part of its coefficient.
 module viscovib_load
@@ -19,11 +20,14 @@ module viscovib_load
     complex(wp), allocatable :: force(:, :)
     !> Base displacement coefficients (m), shape (size(orders)).
     complex(wp), allocatable :: base(:)
+    !> Besides, what the base moves each coordinate by, shape (n_dof, size(orders)).
+    complex(wp), allocatable :: moved(:, :)
     !> Orders given whose terms add up to 0.
     integer :: n_zero = 0
   contains
     procedure :: is_odd
     procedure :: moves_base
+    procedure :: shift
     procedure :: coefficient
     procedure :: drives
     procedure :: take_part
@@ -33,7 +37,7 @@ contains
 
   !> Collect the terms of a series; terms of the same order add up, terms
   !! that vanish are dropped.
-  subroutine new_load(load, n_dof, orders, force, base, status)
+  subroutine new_load(load, n_dof, orders, force, base, status, moved)
     type(load_type), intent(out) :: load
     integer, intent(in) :: n_dof
     !> Order of each term, >= 0, shape (n).
@@ -41,23 +45,27 @@ contains
     !> Shape (n_dof, n) and (n).
     complex(wp), intent(in) :: force(:, :), base(:)
     type(status_type), intent(out) :: status
-    complex(wp), allocatable :: total_force(:, :), total_base(:)
+    !> By what the base moves each coordinate, shape (n_dof, n).
+    complex(wp), intent(in), optional :: moved(:, :)
+    complex(wp) :: own(n_dof, size(orders))
+    complex(wp), allocatable :: total_force(:, :), total_base(:), total_moved(:, :)
     integer, allocatable :: place(:), different(:)
     integer :: k, j, n
 
+    own = (0.0_wp, 0.0_wp)
+    if (present(moved)) own = moved
     do j = 1, size(orders)
       if (orders(j) < 0) then
         call fail(status, status_input_error, 'load', 'load order '//show(orders(j)) &
                   //': must be 0 (mean), 1, 2, ...')
         return
       end if
-      if (.not. all(finite(force(:, j))) .or. .not. finite(base(j))) then
+      if (.not. all(finite([force(:, j), own(:, j), base(j)]))) then
         call fail(status, status_input_error, 'load', 'load of order '//show(orders(j)) &
                   //': must be finite numbers')
         return
       end if
-      if (orders(j) == 0 .and. (any(abs(real(force(:, j))) > 0.0_wp) &
-                                .or. abs(real(base(j))) > 0.0_wp)) then
+      if (orders(j) == 0 .and. any(abs(real([force(:, j), own(:, j), base(j)])) > 0.0_wp)) then
         call fail(status, status_input_error, 'load', 'load of order 0 has a real part: the ' &
                   //'mean is the imaginary part (load = Im sum P_k exp(i k nu t))')
         return
@@ -68,18 +76,20 @@ contains
     different = pack([(k, k=0, ubound(place, 1))], place > 0)
     n = size(different)
     place(different) = [(k, k=1, n)]
-    allocate (total_force(n_dof, n), total_base(n), source=(0.0_wp, 0.0_wp))
+    allocate (total_force(n_dof, n), total_base(n), total_moved(n_dof, n), source=(0.0_wp, 0.0_wp))
     do j = 1, size(orders)
       k = place(orders(j))
       total_force(:, k) = total_force(:, k) + force(:, j)
       total_base(k) = total_base(k) + base(j)
+      total_moved(:, k) = total_moved(:, k) + own(:, j)
     end do
     associate (kept => pack([(k, k=1, n)], any(abs(total_force) > 0.0_wp, 1) &
-                            .or. abs(total_base) > 0.0_wp))
+                            .or. any(abs(total_moved) > 0.0_wp, 1) .or. abs(total_base) > 0.0_wp))
       load%n_zero = n - size(kept)
       load%orders = different(kept)
       load%force = total_force(:, kept)
       load%base = total_base(kept)
+      load%moved = total_moved(:, kept)
     end associate
   end subroutine new_load
 
@@ -96,8 +106,18 @@ contains
 
   pure logical function moves_base(self)
     class(load_type), intent(in) :: self
-    moves_base = any(abs(self%base) > 0.0_wp)
+    moves_base = any(abs(self%base) > 0.0_wp) .or. any(abs(self%moved) > 0.0_wp)
   end function moves_base
+
+  !> What the base moves the coordinates of the system by, of the order at place j.
+  pure function shift(self, system, j) result(y)
+    class(load_type), intent(in) :: self
+    class(oscillator_type), intent(in) :: system
+    integer, intent(in) :: j
+    complex(wp) :: y(size(self%moved, 1))
+    y = self%moved(:, j)
+    if (abs(self%base(j)) > 0.0_wp) y = y + system%base_direction*self%base(j)
+  end function shift
 
   !> Coefficient of order k on the coordinates of the system, motion of the base included.
   pure function coefficient(self, system, order, nu) result(p)
@@ -111,7 +131,7 @@ contains
     p = (0.0_wp, 0.0_wp)
     do j = 1, size(self%orders)
       if (self%orders(j) /= order) cycle
-      p = system%load_coefficient(self%force(:, j), self%base(j), order, nu)
+      p = system%load_coefficient(self%force(:, j), self%shift(system, j), order, nu)
     end do
   end function coefficient
 
@@ -120,9 +140,12 @@ contains
     class(load_type), intent(in) :: self
     class(oscillator_type), intent(in) :: system
     logical :: driven(size(self%force, 1))
+    integer :: j
     driven = any(abs(self%force) > 0.0_wp, 2)
-    if (self%moves_base()) driven = driven &
-                                    .or. abs(matmul(system%mass, system%base_direction)) > 0.0_wp
+    if (.not. self%moves_base()) return
+    do j = 1, size(self%orders)
+      driven = driven .or. system%moved_by(self%shift(system, j))
+    end do
   end function drives
 
   !> The same on some of the coordinates, the only ones that it acts on.
@@ -134,6 +157,7 @@ contains
     integer :: i
     part%orders = self%orders
     part%base = self%base
+    part%moved = self%moved(pack([(i, i=1, size(kept))], kept), :)
     part%force = self%force(pack([(i, i=1, size(kept))], kept), :)
   end subroutine take_part
 

@@ -45,6 +45,8 @@ module viscovib_mounted_body
   !> Where it rests: coordinates, deflections of springs, and what these carry.
   type :: rest_type
     real(wp), allocatable :: q(:), d(:), carried(:)
+  contains
+    procedure :: axes
   end type rest_type
 
   !> Newton's method ends where a step is this part of the displacement; what may be left of the
@@ -60,6 +62,24 @@ contains
     class(mounted_body), intent(in) :: self
     n_dof = 6 + size(self%track_mass)
   end function n_dof
+
+  !> How the body is turned where it rests; `exact`: rotations are finite.
+  pure function axes(self, exact)
+    class(rest_type), intent(in) :: self
+    logical, intent(in) :: exact
+    real(wp) :: axes(3, 3)
+    type(rotation_type) :: turn
+    complex(wp) :: v(3)
+    integer :: b
+    v = (0.0_wp, 0.0_wp)
+    if (exact .and. allocated(self%q)) v = self%q(4:6)
+    turn = new_rotation(v)
+    do b = 1, 3
+      v = (0.0_wp, 0.0_wp)
+      v(b) = (1.0_wp, 0.0_wp)
+      axes(:, b) = real(turn%turned(v))
+    end do
+  end function axes
 
   !> M about the centre of mass.
   pure function masses(self)
@@ -355,6 +375,12 @@ contains
     p%spring_kernel = [(i, i=0, size(kernels))]
     allocate (p%laws(0))
     p%damping(4:6, 4:6) = gyroscopic(self%spin)
+    if (any(abs([self%spin, self%gravity]) > 0.0_wp)) then
+      ! Neither the weight nor h turns with a floor that does: on it the weight is -phi x W more.
+      allocate (p%space_damping(n, n), p%space_stiffness(n, n), source=0.0_wp)
+      p%space_damping(4:6, 4:6) = gyroscopic(self%spin)
+      p%space_stiffness(1:3, 4:6) = gyroscopic(self%mass*self%gravity)
+    end if
     do i = 1, size(self%track_damping)
       p%damping(6 + i, 6 + i) = self%track_damping(i)
     end do
@@ -440,11 +466,7 @@ contains
     integer :: b, j
 
     turn = new_rotation(cmplx(rest%q(4:6), 0.0_wp, wp))
-    do b = 1, 3
-      v = (0.0_wp, 0.0_wp)
-      v(b) = (1.0_wp, 0.0_wp)
-      axes(:, b) = real(turn%turned(v))
-    end do
+    axes = rest%axes(.true.)
     mass = self%masses()
     mass(4:6, 4:6) = matmul(axes, matmul(self%inertia, transpose(axes)))
     mass = (mass + transpose(mass))/2.0_wp

@@ -43,6 +43,9 @@ module viscovib_oscillator
     integer :: degree = 0
     !> How u moves when the base does, without deforming a spring (n_dof).
     real(wp), allocatable :: base_direction(:)
+    !> Forces by the rates and by the displacements that a moving base gives the coordinates, which
+    !! hang on space and not on the base, shape (n_dof, n_dof); not allocated: none.
+    real(wp), allocatable :: space_damping(:, :), space_stiffness(:, :)
     !> F depends on rates and loads too: `moving_remainder` and `moving_slopes` give it.
     logical :: moving = .false.
     !> Coordinates stand for more that were eliminated: the load depends on the frequency too, and
@@ -71,6 +74,7 @@ module viscovib_oscillator
     procedure :: retained_slope
     procedure :: dynamic_stiffness
     procedure :: load_coefficient
+    procedure :: moved_by
     procedure :: add_frequency_slope
     procedure :: kernel_without_integral
   end type oscillator_type
@@ -343,12 +347,12 @@ contains
     end do
   end subroutine dynamic_stiffness
 
-  !> Of order k, on the coordinates relative to the moving base: P_k + (k nu)^2 M b Y_k, with b
-  !! the direction in which the base moves.
+  !> Of order k, on the coordinates relative to the moving base: P_k + (k nu)^2 M Y_k, less what
+  !! hangs on space, (i k nu C_s + K_s) Y_k, where the base moves the coordinates by Y_k.
   pure function load_coefficient(self, force, base, order, nu, stiffness, fraction) result(p)
     class(oscillator_type), intent(in) :: self
     !> P_k and Y_k.
-    complex(wp), intent(in) :: force(:), base
+    complex(wp), intent(in) :: force(:), base(:)
     integer, intent(in) :: order
     real(wp), intent(in) :: nu
     !> From `dynamic_stiffness` and `retained` at this order, if they are known: of use where
@@ -357,12 +361,28 @@ contains
     complex(wp) :: p(size(force))
 
     p = force
-    if (abs(base) > 0.0_wp) then
-      p = p + (order*nu)**2*matmul(self%mass, self%base_direction)*base
+    if (any(abs(base) > 0.0_wp)) then
+      p = p + (order*nu)**2*matmul(self%mass, base)
+      if (allocated(self%space_damping)) then
+        p = p - cmplx(0.0_wp, order*nu, wp)*matmul(self%space_damping, base) &
+            - matmul(self%space_stiffness, base)
+      end if
     end if
     associate (not_needed => [present(stiffness), present(fraction)])
     end associate
   end function load_coefficient
+
+  !> Which coordinates are pushed where the base moves them so.
+  pure function moved_by(self, base) result(pushed)
+    class(oscillator_type), intent(in) :: self
+    complex(wp), intent(in) :: base(:)
+    logical :: pushed(size(base))
+    pushed = abs(matmul(self%mass, base)) > 0.0_wp
+    if (allocated(self%space_damping)) then
+      pushed = pushed .or. abs(matmul(self%space_damping, base)) > 0.0_wp &
+               .or. abs(matmul(self%space_stiffness, base)) > 0.0_wp
+    end if
+  end function moved_by
 
   !> Add d(D y - s P)/dnu of each order, memory apart: k (i C - 2 k nu M) Y_k - s dP_k/dnu.
   pure subroutine add_frequency_slope(self, orders, nu, y, load_orders, force, base, factor, total)
@@ -371,9 +391,10 @@ contains
     real(wp), intent(in) :: nu
     !> Harmonics, shape (size(orders), n_dof).
     complex(wp), intent(in) :: y(:, :)
-    !> Orders of the load, its forces (n_dof, n) and the motion of the base (n), and its factor s.
+    !> Orders of the load, its forces and what the base moves the coordinates by, shapes (n_dof, n),
+    !! and its factor s.
     integer, intent(in) :: load_orders(:)
-    complex(wp), intent(in) :: force(:, :), base(:)
+    complex(wp), intent(in) :: force(:, :), base(:, :)
     real(wp), intent(in) :: factor
     complex(wp), intent(inout) :: total(:, :)
     integer :: a, b, j, k
@@ -386,11 +407,17 @@ contains
         end do
       end do
     end do
+    associate (not_needed => size(force))
+    end associate
     do j = 1, size(load_orders)
-      if (.not. abs(base(j)) > 0.0_wp) cycle
+      if (.not. any(abs(base(:, j)) > 0.0_wp)) cycle
       k = findloc(orders, load_orders(j), 1)
-      if (k > 0) total(k, :) = total(k, :) - factor*2.0_wp*load_orders(j)**2*nu*base(j) &
-                               *matmul(self%mass, self%base_direction(:size(force, 1)))
+      if (k == 0) cycle
+      total(k, :) = total(k, :) - factor*2.0_wp*load_orders(j)**2*nu*matmul(self%mass, base(:, j))
+      if (allocated(self%space_damping)) then
+        total(k, :) = total(k, :) + factor*cmplx(0.0_wp, load_orders(j), wp) &
+                      *matmul(self%space_damping, base(:, j))
+      end if
     end do
   end subroutine add_frequency_slope
 

@@ -35,6 +35,9 @@ module viscovib_polynomial
     integer, allocatable :: on(:), monomial_kernel(:), powers(:, :)
     !> How u moves with the base, shape (n); all 0: the base is fixed.
     real(wp), allocatable :: base_direction(:)
+    !> Parts of C, and forces besides, that hang on space and not on a base that moves, shapes
+    !! (n_dof, n_dof); not allocated: none.
+    real(wp), allocatable :: space_damping(:, :), space_stiffness(:, :)
     !> Forces that are no polynomials; none if not allocated.
     type(law_term), allocatable :: laws(:)
   contains
@@ -77,6 +80,10 @@ contains
     system%mass = parameters%mass
     system%damping = parameters%damping
     system%base_direction = parameters%base_direction
+    if (allocated(parameters%space_damping)) then
+      system%space_damping = parameters%space_damping
+      system%space_stiffness = parameters%space_stiffness
+    end if
     call copy_kernels(kernels, system%kernels)
     allocate (system%monomials(count(abs(parameters%coefficient) > 0.0_wp)))
     j = 0

@@ -59,6 +59,10 @@ contains
     reduced%kernel_of = system%kernel_of(variables)
     reduced%bent = system%bent(variables)
     reduced%base_direction = system%base_direction(dofs)
+    if (allocated(system%space_damping)) then
+      reduced%space_damping = system%space_damping(dofs, dofs)
+      reduced%space_stiffness = system%space_stiffness(dofs, dofs)
+    end if
     call copy_kernels(system%kernels, reduced%kernels)
     select type (system)
     type is (polynomial_type)

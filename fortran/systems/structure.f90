@@ -117,7 +117,7 @@ contains
   !> H^-1 Y0 of one order: with D and what memory retains, D Y0 without what is hereditary of D.
   pure function load_coefficient(self, force, base, order, nu, stiffness, fraction) result(p)
     class(structure_type), intent(in) :: self
-    complex(wp), intent(in) :: force(:), base
+    complex(wp), intent(in) :: force(:), base(:)
     integer, intent(in) :: order
     real(wp), intent(in) :: nu
     complex(wp), intent(in), optional :: stiffness(:, :), fraction(:)
@@ -219,7 +219,7 @@ contains
     real(wp), intent(in) :: nu
     complex(wp), intent(in) :: y(:, :)
     integer, intent(in) :: load_orders(:)
-    complex(wp), intent(in) :: force(:, :), base(:)
+    complex(wp), intent(in) :: force(:, :), base(:, :)
     real(wp), intent(in) :: factor
     complex(wp), intent(inout) :: total(:, :)
     complex(wp), dimension(size(y, 2), size(y, 2), size(orders)) :: h, slope

@@ -13,21 +13,25 @@ module viscovib_base_motion
   public :: base_motion_type
 
   type :: base_motion_type
-    !> How the coordinates move with the base, shape (n_dof); not allocated: it is at rest.
+    !> How the coordinates move with the one displacement of the base, shape (n_dof); not
+    !! allocated: the base has a displacement for each coordinate.
     real(wp), allocatable :: direction(:)
-    !> Displacement Im sum_k amplitudes(k) exp(i frequencies(k) t).
+    !> Displacements Im sum_k amplitudes(:,k) exp(i frequencies(k) t), shape (q, m); not allocated:
+    !! the base is at rest.
     real(wp), allocatable :: frequencies(:)
-    complex(wp), allocatable :: amplitudes(:)
-    !> Besides, cubics sum_p pieces(p,i) (t - breaks(i))^(4-p) from each break to the next,
+    complex(wp), allocatable :: amplitudes(:, :)
+    !> Besides, cubics sum_p pieces(p,:,i) (t - breaks(i))^(4-p) from each break to the next,
     !! the last for ever; before the first break the base is where it is there. Shapes (n)
-    !! and (4, n); no breaks: none.
-    real(wp), allocatable :: breaks(:), pieces(:, :)
+    !! and (4, q, n); no breaks: none.
+    real(wp), allocatable :: breaks(:), pieces(:, :, :)
     integer, private :: present = 0
   contains
     procedure :: moves
     procedure :: has_corners
     procedure :: enter
+    procedure :: n_displacements
     procedure :: along
+    procedure :: of_coordinates
     procedure :: add_to
   end type base_motion_type
 
@@ -35,7 +39,7 @@ contains
 
   pure logical function moves(self)
     class(base_motion_type), intent(in) :: self
-    moves = allocated(self%direction)
+    moves = allocated(self%amplitudes)
   end function moves
 
   !> Whether relative velocities may jump.
@@ -67,12 +71,19 @@ contains
     self%present = low
   end subroutine enter
 
-  !> Displacement and velocity of the base.
+  pure integer function n_displacements(self)
+    class(base_motion_type), intent(in) :: self
+    n_displacements = 0
+    if (self%moves()) n_displacements = size(self%amplitudes, 1)
+  end function n_displacements
+
+  !> Displacements of the base and their velocities.
   pure subroutine along(self, t, displacement, velocity)
     class(base_motion_type), intent(in) :: self
     real(wp), intent(in) :: t
-    real(wp), intent(out) :: displacement, velocity
-    complex(wp) :: wave
+    !> Shape (q).
+    real(wp), intent(out) :: displacement(:), velocity(:)
+    complex(wp) :: wave(size(displacement))
     real(wp) :: x
     integer :: k
 
@@ -80,22 +91,35 @@ contains
     velocity = 0.0_wp
     if (.not. self%moves()) return
     do k = 1, size(self%frequencies)
-      if (.not. abs(self%amplitudes(k)) > 0.0_wp) cycle
-      wave = self%amplitudes(k)*exp(imaginary_unit*(self%frequencies(k)*t))
+      if (.not. any(abs(self%amplitudes(:, k)) > 0.0_wp)) cycle
+      wave = self%amplitudes(:, k)*exp(imaginary_unit*(self%frequencies(k)*t))
       displacement = displacement + aimag(wave)
       velocity = velocity + self%frequencies(k)*real(wave)
     end do
     if (.not. self%has_corners()) return
     if (self%present == 0) then
-      displacement = displacement + self%pieces(4, 1)
+      displacement = displacement + self%pieces(4, :, 1)
       return
     end if
-    associate (a => self%pieces(:, self%present))
+    associate (a => self%pieces(:, :, self%present))
       x = t - self%breaks(self%present)
-      displacement = displacement + (((a(1)*x + a(2))*x + a(3))*x + a(4))
-      velocity = velocity + ((3.0_wp*a(1)*x + 2.0_wp*a(2))*x + a(3))
+      displacement = displacement + (((a(1, :)*x + a(2, :))*x + a(3, :))*x + a(4, :))
+      velocity = velocity + ((3.0_wp*a(1, :)*x + 2.0_wp*a(2, :))*x + a(3, :))
     end associate
   end subroutine along
+
+  !> What displacements of the base, or their velocities, are to the coordinates.
+  pure function of_coordinates(self, values) result(moved)
+    class(base_motion_type), intent(in) :: self
+    !> Shape (q).
+    real(wp), intent(in) :: values(:)
+    real(wp), allocatable :: moved(:)
+    if (allocated(self%direction)) then
+      moved = self%direction*values(1)
+    else
+      moved = values
+    end if
+  end function of_coordinates
 
   !> From a state relative to the base to that of the body; `share` -1: back.
   pure subroutine add_to(self, t, u, v, share)
@@ -104,7 +128,7 @@ contains
     !> Shape (n_dof).
     real(wp), intent(inout) :: u(:), v(:)
     real(wp), intent(in), optional :: share
-    real(wp) :: displacement, velocity
+    real(wp), dimension(self%n_displacements()) :: displacement, velocity
 
     if (.not. self%moves()) return
     call self%along(t, displacement, velocity)
@@ -112,8 +136,8 @@ contains
       displacement = share*displacement
       velocity = share*velocity
     end if
-    u = u + self%direction*displacement
-    v = v + self%direction*velocity
+    u = u + self%of_coordinates(displacement)
+    v = v + self%of_coordinates(velocity)
   end subroutine add_to
 
 end module viscovib_base_motion

@@ -177,9 +177,9 @@ contains
   subroutine kick(self, base, displacement, velocity)
     class(hereditary_type), intent(inout) :: self
     type(base_motion_type), intent(in) :: base
-    real(wp), intent(in) :: displacement, velocity
-    call add_any(self%u, self%u_rest, base%direction*displacement)
-    call add_any(self%v, self%v_rest, base%direction*velocity)
+    real(wp), intent(in) :: displacement(:), velocity(:)
+    call add_any(self%u, self%u_rest, base%of_coordinates(displacement))
+    call add_any(self%v, self%v_rest, base%of_coordinates(velocity))
   end subroutine kick
 
   !> Steps from time t on are h long.

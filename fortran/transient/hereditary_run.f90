@@ -180,11 +180,11 @@ contains
     type(mesh_type), intent(in) :: ends
     integer, intent(in) :: piece
     real(wp), intent(in) :: now
-    real(wp) :: displacement(2), velocity(2)
-    call base%along(now, displacement(1), velocity(1))
+    real(wp), dimension(base%n_displacements()) :: displacement, velocity, next, next_velocity
+    call base%along(now, displacement, velocity)
     call base%enter(ends%beginning(piece), ends%ends(piece))
-    call base%along(now, displacement(2), velocity(2))
-    call run%kick(base, displacement(1) - displacement(2), velocity(1) - velocity(2))
+    call base%along(now, next, next_velocity)
+    call run%kick(base, displacement - next, velocity - next_velocity)
   end subroutine turn
 
 end module viscovib_hereditary_run

@@ -83,8 +83,8 @@ module viscovib_march
       import :: base_motion_type, march_type, wp
       class(march_type), intent(inout) :: self
       type(base_motion_type), intent(in) :: base
-      !> Of the base, from those before.
-      real(wp), intent(in) :: displacement, velocity
+      !> Of the base, from those before, as many as it has.
+      real(wp), intent(in) :: displacement(:), velocity(:)
     end subroutine kick_interface
 
     !> State: coordinates, or modes, and their velocities.

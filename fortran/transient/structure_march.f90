@@ -218,15 +218,15 @@ contains
   subroutine kick(self, base, displacement, velocity)
     class(structure_march_type), intent(inout) :: self
     type(base_motion_type), intent(in) :: base
-    real(wp), intent(in) :: displacement, velocity
+    real(wp), intent(in) :: displacement(:), velocity(:)
     integer :: n
     ! Where a base comes to rest, it is told by nothing but these jumps.
     associate (inner => self%sections%inner, poles => self%sections%others, &
-               not_needed => base%direction)
+               not_needed => base%direction, moved => displacement(1), speed => velocity(1))
       n = size(inner)
-      call add_any(self%state%q(:n), self%state%q_rest(:n), displacement*inner)
-      call add_any(self%state%v(:n), self%state%v_rest(:n), velocity*inner)
-      self%state%z = self%state%z + (displacement*poles%by_base + velocity*poles%by_base_rate)
+      call add_any(self%state%q(:n), self%state%q_rest(:n), moved*inner)
+      call add_any(self%state%v(:n), self%state%v_rest(:n), speed*inner)
+      self%state%z = self%state%z + (moved*poles%by_base + speed*poles%by_base_rate)
     end associate
     call start_state(self%state, self%sections)
   end subroutine kick

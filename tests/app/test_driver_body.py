@@ -121,8 +121,71 @@ def test_parts_that_spin(solve, tmp_path):
         done = solve(path, "--out", tmp_path / "none")
         assert done.returncode == 2
         assert told in done.stderr
-    path.write_text(scene.replace("spin", "base_direction=0 0 0 1 0 0 spin") + what)
-    assert "spin: must be 0 on a floor" in solve(path, "--out", tmp_path / "none").stderr
+
+
+FLOOR = """&load kind='base' on='x' amplitude=3e-4 phase=0.5 /
+&load kind='base' on='rx' amplitude=5e-4 phase=-1 /
+&load kind='base' on='rz' order=2 amplitude=3e-4 /
+"""
+
+
+@pytest.mark.parametrize("what", ["response", "branch", "transient"])
+def test_a_floor_that_moves_in_components(solve, tmp_path, what):
+    """Each with its own phase, with a weight and a rotor: as Python's body, which is judged."""
+    group = {
+        "response": "&response nu=40 80 method='newton' harmonics=7 tolerance=0.1 /",
+        "branch": "&branch nu_from=40 nu_to=50 harmonics=7 tolerance=0.1 stability='no' /",
+        "transient": "&transient t_end=0.2 nu=40 dt=0.001 /",
+    }[what]
+    options = "gravity=0 0 -9.81 spin=3 -20 7 base_direction=0 0 3e-4 0 0 0"
+    text = body(options, FLOOR + "&load kind='base' amplitude=1 /\n") + group + "\n"
+    result = run_both(solve, tmp_path, text, what)
+    columns, scene = result.value.columns, result.scene
+    system, loads = scene.body(), scene.loads()
+    assert sorted(loads["base"]) == [1, 2]
+    if what == "transient":
+        run = vv.simulate(system, 0.2, nu=40.0, **loads, dt=0.001)
+        for d, name in enumerate(run.dof_names):
+            np.testing.assert_allclose(columns[name], run.state[:, 2 * d], atol=1e-12)
+        return
+    given = {"method": "newton"} if what == "response" else {"stability": False}
+    call = vv.forced_response if what == "response" else vv.trace_response
+    nus = [40.0, 80.0] if what == "response" else (40.0, 50.0)
+    found = call(system, nus, **loads, harmonics=7, tolerance=0.1, **given)
+    for d, name in enumerate(found.dof_names):
+        for j, k in enumerate(found.harmonics):
+            table = columns[f"{name}_{k}_re"] + 1j * columns[f"{name}_{k}_im"]
+            own = found.coefficients[:, d, j]
+            far = 1e-9 * np.abs(found.coefficients[:, d]).max()
+            assert abs(table[0] - own[0]) < far
+            assert abs(table[-1] - own[-1]) < far
+
+
+@pytest.mark.parametrize("geometry", ["small", "exact"])
+def test_a_force_in_any_direction_at_a_point(solve, tmp_path, geometry):
+    """And a torque, about a position that its weight turned: Body.load gives the same."""
+    loads = (
+        "&load force=30 -20 50 at=0.2 0.1 -0.3 phase=0.4 /\n"
+        "&load torque=1 2 3 force=4 5 6 order=2 amplitude=2 /\n"
+    )
+    what = "&response nu=30 80 method='newton' harmonics=5 tolerance=5e-2 /\n"
+    result = run_both(
+        solve, tmp_path, body(f"geometry='{geometry}' gravity=2 1 -9.81", loads) + what, "response"
+    )
+    system = result.scene.body()
+    given = result.scene.loads()
+    one = system.load((30, -20, 50), at=(0.2, 0.1, -0.3)) * np.exp(0.4j)
+    np.testing.assert_allclose(given["load"][1], one, rtol=1e-14)
+    two = 2 * system.load((4, 5, 6), (1, 2, 3))
+    np.testing.assert_allclose(given["load"][2], two, rtol=1e-14)
+    found = vv.forced_response(
+        system, [30.0, 80.0], **given, method="newton", harmonics=5, tolerance=5e-2
+    )
+    columns = result.value.columns
+    for d, name in enumerate(found.dof_names):
+        table = columns[f"{name}_1_re"] + 1j * columns[f"{name}_1_im"]
+        own = found.coefficients[:, d, list(found.harmonics).index(1)]
+        np.testing.assert_allclose(table, own, atol=1e-9)
 
 
 def test_a_rotor_in_a_body_that_turns_far(solve, tmp_path):
@@ -224,6 +287,25 @@ WANTED = "&modes /\n"
         (
             body("geometry='exact'") + "&backbone from=0.001 to=0.01 /",
             "must be 'small'",
+        ),
+        (body(loads="&load force=1 2 3 on='x' /") + WANTED, "say where it acts"),
+        (body(loads="&load force=1 2 /") + WANTED, "has 2 values: must be 3"),
+        (body(loads="&load at=1 2 3 amplitude=1 /") + WANTED, "at: needs force"),
+        (body(loads="&load kind='base' amplitude=1 /") + WANTED, "or on = the coordinate"),
+        (body(loads="&load kind='base' on='w' amplitude=1 /") + WANTED, "on = 'w'"),
+        (body(loads="&load kind='base' at=1 2 3 amplitude=1 /") + WANTED, "only a force has"),
+        (
+            body("geometry='exact' load_axes='space'", "&load kind='base' on='rx' amplitude=1 /")
+            + WANTED,
+            "must not turn the floor",
+        ),
+        (
+            body("geometry='exact'", "&load kind='base' on='x' amplitude=1 /") + WANTED,
+            "must be 'space' where the floor",
+        ),
+        (
+            body("geometry='exact' load_axes='space'", "&load force=0 0 1 at=1 0 0 /") + WANTED,
+            "must be the centre of mass",
         ),
         (f"&mount_point name='a' position=0 0 0 stiffness=1 1 1 / {WANTED}", "needs &body"),
         (

@@ -186,7 +186,6 @@ def test_small_turns_with_a_rotor():
     ("call", "message"),
     [
         (lambda: some_body(spin=(1, 2)), "spin"),
-        (lambda: some_body(base_direction="rx"), "on a floor that turns"),
         (lambda: some_body().modes(), r"characteristic_roots\(\) gives them"),
         (
             lambda: vv.backbone(some_body(), 0, amplitude_range=(1e-4, 1e-3)),

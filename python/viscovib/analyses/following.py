@@ -34,7 +34,7 @@ from viscovib.results.curves import (
 from viscovib.results.dissipation import Parts
 from viscovib.results.structure_results import StructureBranch
 from viscovib.results.structure_view import View
-from viscovib.systems.load import LoadLike
+from viscovib.systems.load import LoadLike, base_shifts
 from viscovib.systems.oscillators import Steady, check_steady, refuse_turning
 from viscovib.systems.sticking import advice_on_sticking
 from viscovib.systems.structure import Structure
@@ -403,9 +403,7 @@ def _absolute(
     """From coordinates relative to the base to absolute ones."""
     result = np.ascontiguousarray(relative)
     orders, series = job[-2], job[-1]
-    if direction is None:
-        return result
-    for order, moved in zip(orders, series[-1], strict=True):
-        for d in np.flatnonzero(direction):
-            result[:, d, kept == order] += direction[d] * moved * factors[:, np.newaxis]
+    for order, moved in base_shifts(orders, series, direction):
+        for d in np.flatnonzero(moved):
+            result[:, d, kept == order] += moved[d] * factors[:, np.newaxis]
     return result

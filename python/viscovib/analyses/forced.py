@@ -108,8 +108,10 @@ def forced_response(
         f(t) = Im sum_k P_k exp(i k nu t), whose mean is the imaginary part of P_0.
         `fourier_coefficients` makes one from samples.
     base : complex or mapping
-        Of an oscillator: displacement of the supports (of a mount: in x, m), likewise. The response
-        stays absolute. Viscous damping acts on the motion relative to the base.
+        Of an oscillator: displacement of the supports (of a mount: in x, m), likewise, along the
+        ``base_direction`` of the system. Of a `PolynomialSystem` or a `Body` also a vector over its
+        coordinates (of a body x, y, z, rx, ry, rz), or amplitudes by their names: each its own. The
+        response stays absolute. Viscous damping acts on the motion relative to the base.
     p1, p2, p3, f0, m01, m02 : array_like, shape (n,)
         Of a pendulum, instead of ``nu``: values of one of them in place of its own. Without any a
         single motion is computed.

@@ -19,7 +19,7 @@ from viscovib.common.past import Past
 from viscovib.errors import InputError, StabilityWarning, caller
 from viscovib.kernels.relaxation import PronyKernel
 from viscovib.results.trajectory import Trajectory
-from viscovib.systems.load import LoadLike, load_series
+from viscovib.systems.load import LoadLike, oscillator_series
 from viscovib.systems.load_table import LoadTable, added
 from viscovib.systems.oscillators import Oscillator, check_oscillator
 from viscovib.systems.polynomial_system import PolynomialSystem
@@ -40,6 +40,8 @@ _REACH = 100.0
 _FINE = 2.0**-14
 #: Numbers a run needs to go on, to begin with.
 _MEMORY = 1024
+#: What lasts for ever, as a time (s).
+_EVER = 1e30
 
 
 @dataclass(frozen=True)
@@ -65,7 +67,7 @@ class MountMotion:
     #: A table of displacements of the base: its times and cubics; one time: none.
     table: LoadTable | None = None
     base_breaks: FloatArray = field(default_factory=lambda: np.zeros(1))
-    base_pieces: FloatArray = field(default_factory=lambda: np.zeros((4, 1), order="F"))
+    base_pieces: FloatArray = field(default_factory=lambda: np.zeros((4, 1, 1), order="F"))
 
     @classmethod
     def checked(
@@ -101,35 +103,52 @@ class MountMotion:
         _warn_of_slow_mode(mount)
         motion = cls(
             mount, end, state, name, frequencies, amplitudes, waves, breaks, pieces, first, before,
-            moved, memory, np.ones(n, dtype=np.int32), load_series(load, waved, n),
+            moved, memory, np.ones(n, dtype=np.int32), oscillator_series(mount, load, waved),
+            base_pieces=np.zeros((4, waves.shape[0], 1), order="F"),
         )  # fmt: skip
         driven = (amplitudes != 0).any(axis=1) | (moved != 0).any(axis=1)
         driven |= pieces.any(axis=(1, 2)) | state.reshape(n, 2).any(axis=1)
         if table is not None:
             motion = motion._on_table(table)
-        if table is not None or waves.any():
-            # At rest they move relative to the base.
-            driven |= mount._base_direction != 0
+        # At rest they move relative to the base.
+        moved = np.hstack([motion.base, *motion.base_pieces])
+        driven |= (motion._directions @ moved).any(axis=1)
         return replace(motion, moves=moving(mount, driven))
 
     def _on_table(self, table: LoadTable) -> "MountMotion":
         """The same with a base that moves by a table: its acceleration acts on what is relative."""
-        assert self.mount._base_direction is not None
-        base_pieces = table._base_pieces()
+        n = len(self.mount.dof_names)
+        names = getattr(self.mount, "_base_names", ()) if table._columned else ()
+        base_pieces = table._base_pieces(len(names), n)
+        if names:
+            self.mount._check_base_motion(base_pieces.max(axis=0))  # type: ignore[union-attr]
         times = np.asarray(table.times)
-        push = self.mount._mass_matrix @ self.mount._base_direction
-        load = np.zeros((push.size, 4, times.size), order="F")
-        load[:, 2, :-1] = np.outer(-6 * push, base_pieces[0, :-1])
-        load[:, 3, :-1] = np.outer(-2 * push, base_pieces[1, :-1])
+        cubics = base_pieces
+        if not names:
+            cubics = np.einsum("dq,pqt->pdt", self._directions, base_pieces)
+        load = _inertia_of(self.mount, times, cubics)
+        loaded = times
+        if load.shape[2] > times.size:
+            loaded = np.concatenate([[times[0] - _EVER], times, [times[-1] + _EVER]])
         breaks, pieces = self.breaks, self.pieces
         if load.any():
             breaks, pieces = (
-                (times, load) if breaks.size < 2 else added((breaks, pieces), (times, load))
+                (loaded, load) if breaks.size < 2 else added((breaks, pieces), (loaded, load))
             )
+        still = np.zeros((base_pieces.shape[1], self.frequencies.size), complex, order="F")
         return replace(
             self, breaks=breaks, pieces=pieces, table=table, base_breaks=times,
-            base_pieces=base_pieces,
+            base_pieces=base_pieces, base=still,
         )  # fmt: skip
+
+    @property
+    def _directions(self) -> FloatArray:
+        """How the coordinates move with each displacement of the base, shape (n, q)."""
+        n = len(self.mount.dof_names)
+        if self.base.shape[0] > 1:
+            return np.eye(n)
+        direction = self.mount._base_direction
+        return (np.zeros(n) if direction is None else direction)[:, np.newaxis]
 
     @property
     def travel(self) -> float:
@@ -137,13 +156,14 @@ class MountMotion:
         table = 0.0 if self.table is None else float(np.abs(np.asarray(self.table.values)).max())
         return float(np.abs(self.base).sum()) + table
 
-    def base_at(self, t: float) -> float:
-        """Displacement of the base."""
-        place = float((self.base * np.exp(1j * t * self.frequencies)).imag.sum())
+    def base_at(self, t: float) -> FloatArray:
+        """What the base moves the coordinates by, shape (n,)."""
+        moved = (self.base * np.exp(1j * t * self.frequencies)).imag.sum(axis=1)
         if self.table is not None:
             times = np.asarray(self.table.times)
-            place += float(self.table(np.clip(t, times[0], times[-1])))
-        return place
+            placed = np.atleast_1d(self.table(np.clip(t, times[0], times[-1])))
+            moved[: placed.size] += placed
+        return np.asarray(self._directions @ moved)
 
     def first_steps(self) -> int:
         """Steps to begin with when the step is to be found."""
@@ -438,18 +458,54 @@ def _sinusoids(
         if nu is not None:
             raise InputError("nu: must not be given without load or base")
         nothing = np.zeros((n, 1), dtype=complex, order="F")
-        return np.zeros(1), nothing, nothing[0]
-    orders, series = load_series(load, base, n)
+        return np.zeros(1), nothing, nothing[:1]
+    orders, series = oscillator_series(mount, load, base)
+    apart = orders < 0
+    orders = np.where(apart, -1 - orders, orders)
     frequency = 0.0 if nu is None else _native.number("nu", nu)
     if frequency < 0 or (frequency == 0 and (orders > 0).any() and series.any()):
         given = "None" if nu is None else f"{frequency:g}"
         raise InputError(f"nu = {given}: must be greater than 0 with a load of order 1 or more")
     frequencies = np.asarray(orders * frequency, dtype=np.float64)
-    amplitudes = np.array(series[:n], order="F")
-    if mount._base_direction is not None:
-        push = mount._mass_matrix @ mount._base_direction
-        amplitudes += np.outer(push, frequencies**2 * series[n])
-    return frequencies, amplitudes, np.array(series[n])
+    amplitudes = np.array(np.where(apart, 0.0, series[:n]), order="F")
+    direction = mount._base_direction
+    moved = np.where(apart, series[:n], 0.0)
+    if direction is not None:
+        amplitudes += np.outer(mount._mass_matrix @ direction, frequencies**2 * series[n])
+    if apart.any():
+        amplitudes += mount._mass_matrix @ (frequencies**2 * moved)
+    if direction is not None:
+        moved += np.outer(direction, series[n])
+    space = getattr(mount, "_space", None)
+    if space is not None:
+        amplitudes -= space[0] @ (1j * frequencies * moved) + space[1] @ moved
+    waves = moved if apart.any() else series[n:]
+    return frequencies, amplitudes, np.asfortranarray(waves)
+
+
+def _inertia_of(mount: Oscillator, times: FloatArray, cubics: FloatArray) -> FloatArray:
+    """Loads of a base that moves the coordinates by cubics (4, n, m), shape (n, 4, m).
+
+    -M y'' - C_s y' - K_s y of what is relative to it; where the last does not end with the table, a
+    piece before it and one behind, for ever, shape (n, 4, m + 2).
+    """
+    a, mass = cubics[:, :, :-1], mount._mass_matrix
+    load = np.zeros((mass.shape[0], 4, times.size), order="F")
+    load[:, 2, :-1] = -6 * (mass @ a[0])
+    load[:, 3, :-1] = -2 * (mass @ a[1])
+    space = getattr(mount, "_space", None)
+    if space is None:
+        return load
+    damping, stiffness = space
+    for p in range(4):
+        load[:, p, :-1] -= stiffness @ a[p]
+        if p:
+            load[:, p, :-1] -= (4 - p) * (damping @ a[p - 1])
+    ever = np.zeros((mass.shape[0], 4, times.size + 2), order="F")
+    ever[:, :, 1:-2] = load[:, :, :-1]
+    ever[:, 3, 0] = -stiffness @ cubics[3, :, 0]
+    ever[:, 3, -2] = -stiffness @ cubics[3, :, -1]
+    return ever if stiffness.any() else load
 
 
 def _warn_of_slow_mode(mount: Oscillator) -> None:

@@ -75,7 +75,7 @@ def breaks_of(force: LoadTable | None, base: LoadLike | LoadTable | None, n_dof:
     if isinstance(force, LoadTable):
         breaks = force._breaks(n_dof)
     if isinstance(base, LoadTable):
-        breaks = np.union1d(breaks, base._breaks(1))
+        breaks = np.union1d(breaks, base._breaks(np.asarray(base.values)[0].size))
     return breaks
 
 
@@ -197,12 +197,13 @@ def _other_loads_of_structure(
 
 def _check_base(motion: Any, before: Any, now: float) -> None:
     """Refuse a base that is not where it was."""
-    place = 0.0 if before is None else before.base_at(now)
+    here = np.atleast_1d(motion.base_at(now))
+    place = 0.0 * here if before is None else np.atleast_1d(before.base_at(now))
     most = max(motion.travel, 0.0 if before is None else before.travel)
-    if abs(motion.base_at(now) - place) > _OFF * most:
+    if np.abs(here - place).max() > _OFF * most:
+        begins, was = (" ".join(f"{one:.9g}" for one in places) for places in (here, place))
         raise InputError(
-            f"base: is at {motion.base_at(now):.9g} at t = {now:g}, must go on from {place:.9g}, "
-            "where it was"
+            f"base: is at {begins} at t = {now:g}, must go on from {was}, where it was"
         )
 
 

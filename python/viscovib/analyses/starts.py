@@ -12,6 +12,7 @@ from viscovib._native import ComplexArray, FloatArray
 from viscovib.common.periodic_motions import PeriodicMotions
 from viscovib.errors import InputError
 from viscovib.systems.condensed import LoadedStructure
+from viscovib.systems.load import base_shifts
 
 #: What ``start`` may be: (result, i), {order: X_k} or a Trajectory.
 StartLike: TypeAlias = Any
@@ -63,9 +64,8 @@ class Start(NamedTuple):
             relative = self._of_structure(loaded, names, factor)
         else:
             relative = self._of(names)
-            if direction is not None:
-                for order, base in zip(job[-2], job[-1][-1], strict=True):
-                    relative[:, self.orders == order] -= factor * base * direction[:, np.newaxis]
+            for order, moved in base_shifts(job[-2], job[-1], direction):
+                relative[:, self.orders == order] -= factor * moved[:, np.newaxis]
         x = np.zeros((relative.shape[0], orders.size), dtype=complex)
         for j, order in enumerate(self.orders):
             x[:, orders == order] = relative[:, j : j + 1]

@@ -176,7 +176,7 @@ class StructureMotion:
 
     def _on_table(self, table: LoadTable) -> StructureMotion:
         """The same with a base that moves by a table: its acceleration acts on what is relative."""
-        base_pieces = table._base_pieces()
+        base_pieces = table._base_pieces()[:, 0]
         times = np.asarray(table.times)
         load = np.zeros((1, 4, times.size), order="F")
         load[0, 2, :-1] = -6 * base_pieces[0, :-1]

@@ -42,7 +42,8 @@ from viscovib.bodies.unit_doubts import warn_of_units
 from viscovib.errors import InputError, StabilityWarning, caller
 from viscovib.systems.condensed import Condensation
 from viscovib.systems.laws import Law
-from viscovib.systems.load import LoadLike, load_series
+from viscovib.systems.load import LoadLike, base_shifts, oscillator_series
+from viscovib.systems.oscillators import check_oscillator
 
 _UNITS = ("m", "m", "m", "rad", "rad", "rad")
 _GEOMETRIES = ("small", "exact")
@@ -59,7 +60,10 @@ class Body(LinearBody):
         M u'' + sum_j e_j {(1 - R_j*) [k_j d_j + g_j(d_j)] + c_j d_j'} = load(t),  d_j = e_j . u,
 
     over all directions j of all mounts: a `PolynomialSystem`, on which every method works. The
-    floor is at rest, or moves along ``base_direction``; responses are absolute then too.
+    floor is at rest, or moves: along ``base_direction`` by one ``base=``, or in all six components
+    by their own amplitudes, ``base={"x": 1e-3, "rx": 2e-4j}``, and in time by a `LoadTable` of six
+    columns. Rotations of the floor are small, about the centre of mass at rest; the weight keeps
+    its direction. Responses are absolute then too.
 
     Parameters
     ----------
@@ -181,8 +185,6 @@ class Body(LinearBody):
         self._warn_of_instability()
 
     def _check_geometry(self, direction: FloatArray | None) -> None:
-        if self.spin.any() and direction is not None and direction[3:6].any():
-            raise InputError("spin: must be 0 on a floor that turns")
         if self.geometry == "small":
             return
         for mount in self.mounts:
@@ -190,14 +192,39 @@ class Body(LinearBody):
                 raise InputError(
                     f"{mount.name}: law: must not depend on the rate v with geometry = 'exact'"
                 )
-        if direction is not None and direction[3:6].any():
+        if direction is not None:
+            self._check_floor("base_direction", direction)
+
+    def _check_floor(self, name: str, moved: npt.NDArray[Any]) -> None:
+        """Refuse motions of the floor, shape (n, ...), that finite rotations do not take."""
+        if not self._turns:
+            return
+        if moved[3:6].any():
             raise InputError(
-                "base_direction: must not turn the floor with geometry = 'exact', give x, y or z"
+                f"{name}: must not turn the floor with geometry = 'exact', give x, y or z"
             )
-        if direction is not None and self.load_axes == "body":
+        if self.load_axes == "body":
             raise InputError(
                 "load_axes = 'body': must be 'space' where the floor moves with geometry = 'exact'"
             )
+
+    def _check_base_motion(self, moved: npt.NDArray[Any]) -> None:
+        self._check_floor("base", moved)
+
+    @property
+    def _base_names(self) -> tuple[str, ...]:
+        return NAMES
+
+    @cached_property
+    def _space(self) -> tuple[FloatArray, FloatArray] | None:
+        """Neither the weight nor what spins turns with a floor that does."""
+        if self._turns or not (self.spin.any() or self.gravity is not None):
+            return None
+        damping, stiffness = np.zeros((2, *self._mass_matrix.shape))
+        damping[3:6, 3:6] = -crossing(self.spin)
+        if self.gravity is not None:
+            stiffness[:3, 3:6] = -crossing(self.body_mass * self.gravity)
+        return damping, stiffness
 
     @property
     def _turns(self) -> bool:
@@ -333,27 +360,21 @@ class Body(LinearBody):
                 f"result: {varies} varies along it, and forces are those of this body: must be "
                 "over nu or load_factor, or make the body with the value of a point"
             )
-        if self.base_direction is None:
-            if base is not None:
-                raise InputError("base: this body has no base_direction, its floor is fixed")
-            return mount_forces(
-                self.mounts, self._mount_springs, result, relative, turns=self._turns
-            )
-        if base is None:
+        if self.base_direction is not None and base is None:
             raise InputError(
                 "base: the floor of this body may move, give the motion that the result was "
                 "computed for (0: none)"
             )
-        orders, series = load_series(None, base, len(self.dof_names))
-        moved = {int(k): y for k, y in zip(orders, series[-1], strict=True)}
-        if any(moved.values()) and getattr(result, "varies", "nu") == "load_factor":
+        check_oscillator(self, base)
+        shifts = base_shifts(*oscillator_series(self, None, base), self._base_direction)
+        if shifts and getattr(result, "varies", "nu") == "load_factor":
             raise InputError("result: the motion of the floor must not vary along it")
-        floor = np.array([moved.get(int(k), 0.0) for k in np.asarray(result.harmonics)])
-        direction = np.asarray(self.base_direction)
+        floor = np.zeros(relative.shape[1:], dtype=complex)
+        for order, moved in shifts:
+            floor[:, np.asarray(result.harmonics) == order] += moved[:, np.newaxis]
         return mount_forces(
-            self.mounts, self._mount_springs, result, relative - np.outer(direction, floor),
-            turns=self._turns,
-        )  # fmt: skip
+            self.mounts, self._mount_springs, result, relative - floor, turns=self._turns
+        )
 
     def _coefficients(self, result: Any) -> ComplexArray:
         found = getattr(result, "coefficients", None)

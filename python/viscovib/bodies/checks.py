@@ -85,6 +85,18 @@ def checked_axis(name: str, value: str | npt.ArrayLike) -> FloatArray:
     return np.asarray(vector / np.linalg.norm(vector))
 
 
+def checked_floor(name: str, value: str | npt.ArrayLike) -> ComplexArray:
+    """How a floor moves, shape (6,): a coordinate, a unit vector, or six amplitudes."""
+    moved = np.zeros(6, dtype=complex)
+    if isinstance(value, str):
+        moved[NAMES.index(_native.choice(name, value, NAMES))] = 1.0
+    elif np.shape(value) == (6,):
+        moved[:] = _native.complex_array(name, value)
+    else:
+        moved[:3] = checked_axis(name, value)
+    return moved
+
+
 def checked_direction(value: str | npt.ArrayLike, n: int) -> FloatArray:
     """How all coordinates move with the floor, shape (n,)."""
     direction = np.zeros(n)

@@ -12,7 +12,13 @@ import numpy.typing as npt
 
 from viscovib import _native
 from viscovib._native import ComplexArray, FloatArray
-from viscovib.bodies.checks import checked_axis, checked_complex_vector, checked_vector, inverse_of
+from viscovib.bodies.checks import (
+    checked_axis,
+    checked_complex_vector,
+    checked_floor,
+    checked_vector,
+    inverse_of,
+)
 from viscovib.bodies.modes import BodyModes, find_modes
 from viscovib.bodies.mount_point import MountPoint, crossing
 from viscovib.bodies.springs import MountSprings
@@ -241,8 +247,9 @@ class LinearBody(PolynomialSystem):
         ----------
         nu : array_like
             Circular frequencies (rad/s).
-        axis : "x", "y", "z" or array_like, shape (3,)
-            Direction in which the floor moves.
+        axis : "x", ..., "rz" or array_like, shape (3,) or (6,)
+            How the floor moves: the direction (3), or the complex amplitudes of all six components
+            (m and rad, about the centre of mass at rest), which are not scaled.
         point : array_like, shape (3,), optional
             Where on the body (m); None: the centre of mass.
         relative : bool
@@ -251,17 +258,21 @@ class LinearBody(PolynomialSystem):
         Returns
         -------
         ndarray, shape (*nu.shape, 3)
-            Along x, y and z; ``20*log10(abs(...))`` are decibels.
+            Along x, y and z; ``20*log10(abs(...))`` are decibels. For six components the
+            displacement itself (m).
         """
         frequencies = _native.real_array("nu", nu)
-        along = checked_axis("axis", axis)
-        direction = np.zeros(len(self.dof_names))
-        direction[:3] = along
-        push = frequencies[..., None] ** 2 * (self._mass_matrix @ direction)
+        direction = np.zeros(len(self.dof_names), dtype=complex)
+        direction[:6] = checked_floor("axis", axis)
+        at = frequencies[..., None]
+        push = at**2 * (self._mass_matrix @ direction)
+        if self._space is not None:
+            push = push - 1j * at * (self._space[0] @ direction) - self._space[1] @ direction
         moved = self._solved(frequencies, push)
+        if not _native.flag("relative", relative):
+            moved = moved + direction
         arm = self._arm("point", point)
-        answer = moved[..., :6] @ np.hstack([np.eye(3), -crossing(arm)]).T
-        return np.asarray(answer if _native.flag("relative", relative) else answer + along)
+        return np.asarray(moved[..., :6] @ np.hstack([np.eye(3), -crossing(arm)]).T)
 
     def force_transmissibility(
         self,

@@ -25,6 +25,7 @@ from viscovib.analyses.events import Event
 from viscovib.analyses.multiple_scales import MultipleScales
 from viscovib.analyses.periodic import backbone, trace_response
 from viscovib.bodies.body import Body
+from viscovib.bodies.checks import NAMES
 from viscovib.common.counts import things
 from viscovib.common.parameters import CURVE_DEFAULTS, FilePath
 from viscovib.errors import InputError
@@ -270,6 +271,8 @@ class Scene:
         """Fourier series of force and base motion, as `forced_response` takes them."""
         force: dict[int, Any] = {}
         base: dict[int, Any] = {}
+        # Of coordinates that the base moves on their own.
+        apart: dict[int, Any] = {}
         names, shapes = self._names(), self._shapes()
         for group in self.groups["load"]:
             order, phase = group["order"], group.get("phase", 0.0)
@@ -277,12 +280,28 @@ class Scene:
             if order == 0:
                 term = 1j * group["amplitude"]
             if group["kind"] == "base":
-                base[order] = base.get(order, 0.0) + term
+                if "on" in group:
+                    on = np.array([group["on"] == name for name in self._base_names()])
+                    apart[order] = apart.get(order, 0.0) + on * term
+                else:
+                    base[order] = base.get(order, 0.0) + term
+            elif "force" in group:
+                on = self.body().load(group["force"], group["torque"], group["at"])
+                force[order] = force.get(order, 0.0) + on * term
             else:
                 where = np.array([group["on"] == name for name in names])
                 on = where if shapes is None else shapes.T @ where
                 force[order] = force.get(order, 0.0) + on * term
+        for order, moved in apart.items():
+            along = 0.0
+            if order in base:
+                direction = self.oscillator()._base_direction
+                along = base[order] * np.asarray(direction)[: moved.size]
+            base[order] = moved + along
         return {"load": force, "base": base}
+
+    def _base_names(self) -> tuple[str, ...]:
+        return NAMES if "body" in self.groups else tuple(self._names())
 
     def nu(self) -> FloatArray:
         """Circular frequencies of the response (rad/s)."""

@@ -101,6 +101,10 @@ def _load_unit(groups: Mapping[str, Any], load: Mapping[str, Any], entry: str) -
     if entry != "amplitude":
         return ""
     names, (units, _) = _names(groups), _coordinates(groups)
+    if "force" in load or "torque" in load:
+        return ""
+    if load.get("kind") == "base" and load.get("on") in names:
+        return units[names.index(load["on"])]
     if load.get("kind") == "base":
         return units[0] if len(set(units)) == 1 or groups.get("mount") else ""
     on = load.get("on", names[0] if len(names) == 1 or groups.get("mount") else None)

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from viscovib import _native
-from viscovib._native import ComplexArray, core
+from viscovib._native import ComplexArray, FloatArray, core
 from viscovib.errors import InputError
 
 #: What ``load`` may be: P on x; a vector over the coordinates; forces by the names of coordinates;
@@ -75,6 +75,65 @@ def load_series(
         series[:n_dof, j] = forces.get(order, 0.0)
         series[n_dof:, j] = motions.get(order, 0.0)
     return np.array(orders or [1], dtype=np.int32), series
+
+
+def base_by_order(base: Any) -> dict[Any, Any]:
+    """Motions of a base by their orders; a number, a vector or names are order 1."""
+    if base is None:
+        return {}
+    if not isinstance(base, Mapping) or (base and all(isinstance(one, str) for one in base)):
+        return {1: base}
+    return dict(base)
+
+
+def in_components(term: Any) -> bool:
+    """Whether a motion of the base is given for each coordinate, and not along a direction."""
+    if isinstance(term, Mapping):
+        return True
+    try:
+        return np.ndim(term) > 0
+    except ValueError:
+        return True
+
+
+def oscillator_series(
+    system: Any, load: LoadLike | None, base: Any
+) -> tuple[npt.NDArray[np.int32], ComplexArray]:
+    """Return `load_series` of an oscillator, whose base may move each coordinate on its own.
+
+    A term of order -1 - k holds, in place of forces, the displacements of the coordinates by the
+    base of order k.
+    """
+    terms, n = base_by_order(base), len(system.dof_names)
+    along = {order: term for order, term in terms.items() if not in_components(term)}
+    orders, series = load_series(load, along or None, n)
+    if len(along) == len(terms):
+        return orders, series
+    names: tuple[str, ...] = system._base_names
+    apart = {order: term for order, term in terms.items() if in_components(term)}
+    moved = _by_order("base", apart, len(names), {name: i for i, name in enumerate(names)})
+    more = np.zeros((n + 1, len(moved)), dtype=complex)
+    for j, vector in enumerate(moved.values()):
+        more[: len(names), j] = vector
+    system._check_base_motion(more[:-1])
+    joined = np.hstack([series, more])
+    return (
+        np.concatenate([orders, [-1 - order for order in moved]]).astype(np.int32),
+        np.asfortranarray(joined),
+    )
+
+
+def base_shifts(
+    orders: npt.NDArray[np.int32], series: ComplexArray, direction: FloatArray | None
+) -> list[tuple[int, ComplexArray]]:
+    """Orders and displacements of the coordinates by the base, shape (n,), of `load_series`."""
+    shifts = []
+    for j, order in enumerate(orders.tolist()):
+        if order < 0:
+            shifts.append((-1 - order, series[:-1, j]))
+        elif direction is not None and series[-1, j]:
+            shifts.append((order, direction * series[-1, j]))
+    return shifts
 
 
 def _by_order(

@@ -30,7 +30,8 @@ class LoadTable:
     times : array_like, shape (n,)
         Strictly ascending (s), n >= 2.
     values : array_like, shape (n,) or (n, n_dof)
-        Force on the first coordinate, or on each (N, N m); of a base: shape (n,) (m).
+        Force on the first coordinate, or on each (N, N m). Of a base: shape (n,), its displacement
+        (m), or a column for each coordinate that it moves (of a body x, y, z, rx, ry, rz).
     on : str, int, mapping or array_like, optional
         Of a `Structure` and with values of shape (n,): where they act, as ``on`` of a `Spring`.
     interpolation : {"linear", "cubic"}
@@ -191,21 +192,33 @@ class LoadTable:
         inner = times[1:-1][jumps.any(axis=(0, 1))]
         return np.concatenate([times[:1], inner, times[-1:]])
 
-    def _base_pieces(self) -> FloatArray:
-        """Cubics between times of a displacement of the base, shape (4, n), the last for ever."""
+    @property
+    def _columned(self) -> bool:
+        """Whether it has a column for each coordinate."""
+        return np.asarray(self.values).ndim == 2
+
+    def _base_pieces(self, n_columns: int = 0, n_dof: int = 1) -> FloatArray:
+        """Cubics between times of displacements of the base, shape (4, q, n), the last for ever.
+
+        0 columns: one displacement, q = 1; else one for each of the first coordinates, q = n_dof.
+        """
         times, values = np.asarray(self.times), np.asarray(self.values)
-        if values.ndim != 1:
-            raise InputError(f"base: values must have shape (n,), got {values.shape}")
+        wanted = (times.size, n_columns) if n_columns else (times.size,)
+        if values.shape != wanted:
+            raise InputError(f"base: values must have shape {wanted}, got {values.shape}")
+        columns = np.zeros((times.size, n_dof if n_columns else 1))
+        columns[:, : max(n_columns, 1)] = values.reshape(times.size, -1)
         short = np.diff(times) < _JUMP * np.abs(times).max()
-        if (short & (np.diff(values) != 0)).any():
-            i = int(np.flatnonzero(short & (np.diff(values) != 0))[0])
+        jumps = short[:, np.newaxis] & (np.diff(columns, axis=0) != 0)
+        if jumps.any():
+            i, j = np.argwhere(jumps)[0]
             raise InputError(
-                f"base: moves from {values[i]:g} to {values[i + 1]:g} within {np.diff(times)[i]:g} "
-                f"at t = {times[i]:g}, must not jump: take a longer ramp"
+                f"base: moves from {columns[i, j]:g} to {columns[i + 1, j]:g} within "
+                f"{np.diff(times)[i]:g} at t = {times[i]:g}, must not jump: take a longer ramp"
             )
-        pieces = self._pieces(1)[0]
-        pieces[3, -1] = values[-1]
-        return np.asfortranarray(pieces)
+        pieces = self._cubics(columns)
+        pieces[:, 3, -1] = columns[-1]
+        return np.asfortranarray(np.moveaxis(pieces, 0, 1))
 
     def _columns(self, n_dof: int) -> FloatArray:
         values = np.asarray(self.values)

@@ -1,12 +1,16 @@
 """The systems that responses and branches are computed of."""
 
-from collections.abc import Mapping
 from typing import Any, TypeAlias
 
 from viscovib import _native
 from viscovib.errors import InputError
 from viscovib.systems.condensed import LoadedStructure
-from viscovib.systems.load import LoadLike, load_series
+from viscovib.systems.load import (
+    LoadLike,
+    base_by_order,
+    in_components,
+    oscillator_series,
+)
 from viscovib.systems.load_table import LoadTable
 from viscovib.systems.mount import Mount
 from viscovib.systems.polynomial_system import PolynomialSystem
@@ -43,9 +47,26 @@ def refuse_turning(system: Any, what: str) -> None:
 
 
 def _check_base(system: Steady, base: "LoadLike | LoadTable | None") -> None:
-    moves = base is not None and not (isinstance(base, Mapping) and not base)
-    if moves and system._base_direction is None:
-        raise InputError("base: this system has no base_direction, its base is fixed")
+    if isinstance(base, LoadTable):
+        apart, along = base._columned, not base._columned
+    else:
+        terms = [in_components(term) for term in base_by_order(base).values()]
+        apart, along = any(terms), not all(terms)
+    if apart and not isinstance(system, PolynomialSystem):
+        raise InputError(
+            "base: has a motion for each coordinate, must be along one direction here; a "
+            "PolynomialSystem and a Body take several"
+        )
+    if apart and len(system.dof_names) == 1:
+        raise InputError(
+            "base: values must have shape (n,), and a motion must be a number: one coordinate "
+            "moves along base_direction"
+        )
+    if along and system._base_direction is None:
+        raise InputError(
+            "base: this system has no base_direction, its base is fixed: give it one, or a motion "
+            "for each coordinate"
+        )
 
 
 def oscillator_job(
@@ -66,10 +87,13 @@ def oscillator_job(
     if isinstance(system, Structure):
         condensed = system
     elif isinstance(system, PolynomialSystem) and not whole and flat is None:
-        condensed = system if system._condenses(stability) else None
+        # What the base moves by several directions is not known of the condensed coordinates.
+        several = any(in_components(term) for term in base_by_order(base).values())
+        if not several and (system._space is None or base is None):
+            condensed = system if system._condenses(stability) else None
     if condensed is not None:
         loaded = condensed._loaded(load, base)
         return (loaded.job if flat is None else (flat, *loaded.job[1:])), loaded
     assert not isinstance(system, Structure)
     own = system._flat if flat is None else flat
-    return (own, *system._kernels, *load_series(load, base, len(system.dof_names))), None
+    return (own, *system._kernels, *oscillator_series(system, load, base)), None

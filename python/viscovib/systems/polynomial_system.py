@@ -390,8 +390,12 @@ class PolynomialSystem:
         parts: list[Any] = [
             [n, len(self.groups), len(monomials), len(kernels), 1.0],
             self._mass_matrix.ravel(order="F"), self._damping.ravel(order="F"),
-            direction, *springs, *monomials, *data, *([[len(laws)]] if laws else []), *laws,
+            direction, *springs, *monomials, *data,
         ]  # fmt: skip
+        if laws or self._space is not None:
+            parts += [[len(laws)], *laws]
+        if self._space is not None:
+            parts += [matrix.ravel(order="F") for matrix in self._space]
         return np.concatenate([np.asarray(part, dtype=float) for part in parts])
 
     @property
@@ -406,6 +410,19 @@ class PolynomialSystem:
             if group.kernel is not None and group.kernel not in kernels:
                 kernels.append(group.kernel)
         return tuple(kernels)
+
+    @property
+    def _space(self) -> tuple[FloatArray, FloatArray] | None:
+        """Damping and stiffness that hang on space, and not on a base that moves."""
+        return None
+
+    @property
+    def _base_names(self) -> tuple[str, ...]:
+        """Coordinates that the base may move each by its own amplitude, the first ones."""
+        return self.dof_names
+
+    def _check_base_motion(self, moved: npt.NDArray[Any]) -> None:
+        """Refuse displacements of coordinates by the base, shape (n, ...), that cannot be."""
 
     @property
     def _base_direction(self) -> FloatArray | None:
