@@ -8,7 +8,7 @@ module viscovib_lanes
   implicit none
   private
 
-  public :: lane_product
+  public :: add_multiple, add_two, lane_product, multiply_lanes, turn
 
   !> Lanes in a block: one register of 8 doubles where there are such, two of
   !! 4 or four of 2 elsewhere.
@@ -56,5 +56,56 @@ contains
       b(:, j) = s1
     end do
   end subroutine lane_product
+
+  !> total + c x. This and what follows: gfortran 12 makes whole registers of a loop along the lanes
+  !! only if it is not unrolled before.
+  pure subroutine add_multiple(total, c, x)
+    real(wp), intent(inout) :: total(n_lanes)
+    real(wp), intent(in) :: c, x(n_lanes)
+    integer :: l
+    !GCC$ unroll 1
+    do l = 1, n_lanes
+      total(l) = total(l) + c*x(l)
+    end do
+  end subroutine add_multiple
+
+  !> total + (c x + d y).
+  pure subroutine add_two(total, c, x, d, y)
+    real(wp), intent(inout) :: total(n_lanes)
+    real(wp), intent(in) :: c, x(n_lanes), d, y(n_lanes)
+    integer :: l
+    !GCC$ unroll 1
+    do l = 1, n_lanes
+      total(l) = total(l) + (c*x(l) + d*y(l))
+    end do
+  end subroutine add_two
+
+  !> product x^power.
+  pure subroutine multiply_lanes(product, x, power)
+    real(wp), intent(inout) :: product(n_lanes)
+    real(wp), intent(in) :: x(n_lanes)
+    integer, intent(in) :: power
+    integer :: k, l
+    do k = 1, power
+      !GCC$ unroll 1
+      do l = 1, n_lanes
+        product(l) = product(l)*x(l)
+      end do
+    end do
+  end subroutine multiply_lanes
+
+  !> cos and sin of an angle, turned by another, of which both are given.
+  pure subroutine turn(c, s, by)
+    real(wp), intent(inout) :: c(n_lanes), s(n_lanes)
+    real(wp), intent(in) :: by(n_lanes, 2)
+    real(wp) :: before
+    integer :: l
+    !GCC$ unroll 1
+    do l = 1, n_lanes
+      before = c(l)
+      c(l) = before*by(l, 1) - s(l)*by(l, 2)
+      s(l) = s(l)*by(l, 1) + before*by(l, 2)
+    end do
+  end subroutine turn
 
 end module viscovib_lanes

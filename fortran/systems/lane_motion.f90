@@ -8,7 +8,7 @@ module viscovib_lane_motion
   use viscovib_dense, only: invert
   use viscovib_driven_system, only: differentiable_system_type
   use viscovib_kinds, only: wp
-  use viscovib_lanes, only: n_lanes
+  use viscovib_lanes, only: multiply_lanes, n_lanes, turn
   use viscovib_law_lanes, only: evaluate_term
   use viscovib_law_term, only: law_term
   use viscovib_load, only: load_type
@@ -27,11 +27,12 @@ module viscovib_lane_motion
     type(law_term), allocatable, private :: laws(:)
     integer, allocatable, private :: orders(:)
     !> M^(-1) times K, C, each monomial, each law and both parts of P_k, with their scales, lane
-    !! first; of one system: K and C that are scaled, what is not (of laws), as for all lanes.
+    !! first; of one system: K and C that are scaled, what is not (of laws), what is as laws are,
+    !! as for all lanes.
     real(wp), allocatable, private :: stiffness(:, :, :), damping(:, :, :), weights(:, :, :)
     real(wp), allocatable, private :: law_weights(:, :, :), real_load(:, :, :), load(:, :, :)
-    real(wp), allocatable, private :: own(:, :, :), rest(:, :, :), plain(:, :)
-    real(wp), allocatable, private :: plain_laws(:, :)
+    real(wp), allocatable, private :: own(:, :, :), rest(:, :, :), of_laws(:, :, :)
+    real(wp), allocatable, private :: plain(:, :), plain_laws(:, :)
     complex(wp), allocatable, private :: plain_load(:, :)
   contains
     procedure :: set_scales
@@ -51,9 +52,9 @@ contains
     !! (n_dof, n_dof, 2).
     real(wp), intent(in) :: own(:, :, :)
     complex(wp) :: inverse(system%n_dof(), system%n_dof())
-    real(wp) :: m(system%n_dof(), system%n_dof())
+    real(wp) :: m(system%n_dof(), system%n_dof()), by(system%n_dof(), 2)
     logical :: singular
-    integer :: i, n
+    integer :: d, i, n
 
     n = system%n_dof()
     motion%n_dof = n
@@ -79,8 +80,13 @@ contains
         motion%plain(:, i) = m(:, term%equation)*term%coefficient
       end associate
     end do
+    allocate (motion%of_laws(n, n, 2), source=0.0_wp)
     do i = 1, size(system%laws)
       motion%plain_laws(:, i) = matmul(m(:, system%laws(i)%equations), system%laws(i)%weights)
+      call motion%laws(i)%part_linear(by(:, 1), by(:, 2))
+      do d = 1, n
+        motion%of_laws(d, :, :) = motion%of_laws(d, :, :) + motion%plain_laws(d, i)*by
+      end do
     end do
     allocate (motion%stiffness(n_lanes, n, n), motion%damping(n_lanes, n, n))
     allocate (motion%weights(n_lanes, n, size(system%monomials)))
@@ -94,8 +100,10 @@ contains
     class(lane_motion_type), intent(inout) :: self
     integer, intent(in) :: lane
     real(wp), intent(in) :: scales(n_scales)
-    self%stiffness(lane, :, :) = self%rest(:, :, 1) + scales(of_stiffness)*self%own(:, :, 1)
-    self%damping(lane, :, :) = self%rest(:, :, 2) + scales(of_damping)*self%own(:, :, 2)
+    self%stiffness(lane, :, :) = self%rest(:, :, 1) + scales(of_stiffness)*self%own(:, :, 1) &
+                                 + scales(of_forces)*self%of_laws(:, :, 1)
+    self%damping(lane, :, :) = self%rest(:, :, 2) + scales(of_damping)*self%own(:, :, 2) &
+                               + scales(of_forces)*self%of_laws(:, :, 2)
     self%weights(lane, :, :) = scales(of_forces)*self%plain
     self%law_weights(lane, :, :) = scales(of_forces)*self%plain_laws
     self%real_load(lane, :, :) = scales(of_load)*real(self%plain_load)
@@ -115,17 +123,17 @@ contains
       product = 1.0_wp
       associate (term => self%monomials(i))
         do j = 1, size(term%dof)
-          call multiply(product, q(:, term%dof(j)), term%power(j))
+          call multiply_lanes(product, q(:, term%dof(j)), term%power(j))
         end do
       end associate
       do d = 1, self%n_dof
-        a(:, d) = a(:, d) - self%weights(:, d, i)*product
+        call take_product(a(:, d), self%weights(:, d, i), product)
       end do
     end do
     do i = 1, size(self%laws)
       call evaluate_term(self%laws(i), q, v, product)
       do d = 1, self%n_dof
-        a(:, d) = a(:, d) - self%law_weights(:, d, i)*product
+        call take_product(a(:, d), self%law_weights(:, d, i), product)
       end do
     end do
   end subroutine acceleration
@@ -136,8 +144,8 @@ contains
     real(wp), intent(in) :: q(n_lanes, self%n_dof), v(n_lanes, self%n_dof)
     real(wp), intent(in) :: drive(n_lanes, size(self%drives))
     real(wp), intent(out) :: a(n_lanes, self%n_dof)
-    real(wp), dimension(n_lanes) :: c, s, part
-    integer :: b, d, k, order
+    real(wp), dimension(n_lanes) :: c, s
+    integer :: d, k, order
 
     call springs(self, q, v, a)
     order = 0
@@ -145,15 +153,16 @@ contains
     s = 0.0_wp
     do k = 1, size(self%orders)
       do while (order < self%orders(k))
-        part = c*drive(:, 1) - s*drive(:, 2)
-        s = s*drive(:, 1) + c*drive(:, 2)
-        c = part
+        if (order == 0) then
+          c = drive(:, 1)
+          s = drive(:, 2)
+        else
+          call turn(c, s, drive)
+        end if
         order = order + 1
       end do
       do d = 1, self%n_dof
-        do b = 1, n_lanes
-          a(b, d) = a(b, d) + (self%real_load(b, d, k)*s(b) + self%load(b, d, k)*c(b))
-        end do
+        call add_products(a(:, d), self%real_load(:, d, k), s, self%load(:, d, k), c)
       end do
     end do
   end subroutine linear_part
@@ -167,11 +176,33 @@ contains
     do d = 1, self%n_dof
       total = 0.0_wp
       do b = 1, self%n_dof
-        total = total - (self%stiffness(:, d, b)*q(:, b) + self%damping(:, d, b)*v(:, b))
+        call add_products(total, self%stiffness(:, d, b), q(:, b), self%damping(:, d, b), v(:, b))
       end do
-      a(:, d) = total
+      a(:, d) = -total
     end do
   end subroutine springs
+
+  !> total + (x y + z w), in every lane.
+  pure subroutine add_products(total, x, y, z, w)
+    real(wp), intent(inout) :: total(n_lanes)
+    real(wp), intent(in), dimension(n_lanes) :: x, y, z, w
+    integer :: l
+    !GCC$ unroll 1
+    do l = 1, n_lanes
+      total(l) = total(l) + (x(l)*y(l) + z(l)*w(l))
+    end do
+  end subroutine add_products
+
+  !> total - x y, in every lane.
+  pure subroutine take_product(total, x, y)
+    real(wp), intent(inout) :: total(n_lanes)
+    real(wp), intent(in) :: x(n_lanes), y(n_lanes)
+    integer :: l
+    !GCC$ unroll 1
+    do l = 1, n_lanes
+      total(l) = total(l) - x(l)*y(l)
+    end do
+  end subroutine take_product
 
   !> Derivatives by the product rule and by the laws' own.
   pure subroutine tangent(self, q, v, drive, dq, dv, a, da)

@@ -2,7 +2,8 @@
 !!
 !! Each instruction is a loop over lanes without a branch; sin, cos, exp, tanh, log, roots and
 !! powers that are whole or half are computed in the vector unit (viscovib_vector_math), the others
-!! one by one.
+!! one by one. gfortran 12 makes whole registers of these loops only if they are not unrolled before
+!! (see `viscovib_node_kernels`).
 module viscovib_law_lanes
   use viscovib_kinds, only: wp
   use viscovib_lanes, only: n_lanes
@@ -34,25 +35,43 @@ contains
     real(wp), intent(in) :: q(n_lanes, size(law%arguments, 2)), v(n_lanes, size(law%arguments, 2))
     real(wp), intent(out) :: value(n_lanes)
     real(wp) :: arguments(n_lanes, usual_arguments)
-    integer :: b, k
 
     if (size(law%arguments, 1) > usual_arguments) then
       call evaluate_lanes(law%program, law%arguments_of_lanes(q, v), value)
-      return
+    else
+      call read_arguments(size(law%arguments, 1), size(law%arguments, 2), law%arguments, &
+                          law%rates, q, v, arguments)
+      call evaluate_lanes(law%program, arguments, value)
     end if
-    do k = 1, size(law%arguments, 1)
-      arguments(:, k) = 0.0_wp
-      do b = 1, size(law%arguments, 2)
-        if (abs(law%arguments(k, b)) > 0.0_wp) then
-          arguments(:, k) = arguments(:, k) + law%arguments(k, b)*q(:, b)
+  end subroutine evaluate_term
+
+  !> A q + A' v in every lane, without products with 0, which no number need be.
+  pure subroutine read_arguments(m, n_dof, by_q, by_v, q, v, arguments)
+    integer, intent(in) :: m, n_dof
+    real(wp), intent(in) :: by_q(m, n_dof), by_v(m, n_dof), q(n_lanes, n_dof), v(n_lanes, n_dof)
+    real(wp), intent(out) :: arguments(n_lanes, m)
+    real(wp) :: total(n_lanes)
+    integer :: b, k, l
+
+    do k = 1, m
+      total = 0.0_wp
+      do b = 1, n_dof
+        if (abs(by_q(k, b)) > 0.0_wp) then
+          !GCC$ unroll 1
+          do l = 1, n_lanes
+            total(l) = total(l) + by_q(k, b)*q(l, b)
+          end do
         end if
-        if (abs(law%rates(k, b)) > 0.0_wp) then
-          arguments(:, k) = arguments(:, k) + law%rates(k, b)*v(:, b)
+        if (abs(by_v(k, b)) > 0.0_wp) then
+          !GCC$ unroll 1
+          do l = 1, n_lanes
+            total(l) = total(l) + by_v(k, b)*v(l, b)
+          end do
         end if
       end do
+      arguments(:, k) = total
     end do
-    call evaluate_lanes(law%program, arguments, value)
-  end subroutine evaluate_term
+  end subroutine read_arguments
 
   !> The law in every lane.
   pure subroutine evaluate_lanes(law, arguments, value)
@@ -85,7 +104,8 @@ contains
     real(wp), intent(inout) :: x(n_lanes, m)
     !> Room for which lanes are beyond a domain, once any is.
     logical, intent(inout) :: outside(n_lanes, m)
-    integer :: i, next, top
+    real(wp) :: c
+    integer :: i, l, next, top
     logical :: left
 
     left = .false.
@@ -101,29 +121,48 @@ contains
       case (put_number)
         next = put_number
         if (i < n .and. top > 0) next = code(i + 1)
+        c = number(i)
         i = i + 1
         select case (next)
         case (multiply)
-          x(:, top) = min(max(x(:, top)*number(i - 1), -wall), wall)
+          !GCC$ unroll 1
+          do l = 1, n_lanes
+            x(l, top) = min(max(x(l, top)*c, -wall), wall)
+          end do
         case (add)
-          x(:, top) = x(:, top) + number(i - 1)
+          !GCC$ unroll 1
+          do l = 1, n_lanes
+            x(l, top) = x(l, top) + c
+          end do
         case (subtract)
-          x(:, top) = x(:, top) - number(i - 1)
+          !GCC$ unroll 1
+          do l = 1, n_lanes
+            x(l, top) = x(l, top) - c
+          end do
         case default
           i = i - 1
           top = top + 1
-          x(:, top) = number(i)
+          x(:, top) = c
           if (left) outside(:, top) = .false.
         end select
       case (multiply, add, subtract)
         top = top - 1
         if (left) outside(:, top) = outside(:, top) .or. outside(:, top + 1)
         if (code(i) == multiply) then
-          x(:, top) = min(max(x(:, top)*x(:, top + 1), -wall), wall)
+          !GCC$ unroll 1
+          do l = 1, n_lanes
+            x(l, top) = min(max(x(l, top)*x(l, top + 1), -wall), wall)
+          end do
         else if (code(i) == add) then
-          x(:, top) = x(:, top) + x(:, top + 1)
+          !GCC$ unroll 1
+          do l = 1, n_lanes
+            x(l, top) = x(l, top) + x(l, top + 1)
+          end do
         else
-          x(:, top) = x(:, top) - x(:, top + 1)
+          !GCC$ unroll 1
+          do l = 1, n_lanes
+            x(l, top) = x(l, top) - x(l, top + 1)
+          end do
         end if
       case default
         top = top - operands(code(i)) + 1

@@ -27,6 +27,7 @@ module viscovib_law_term
     real(wp), allocatable :: weights(:)
   contains
     procedure :: drop_unread
+    procedure :: part_linear
     procedure :: arguments_of_lanes
   end type law_term
 
@@ -87,6 +88,30 @@ contains
     self%rates = self%rates(pack([(i, i=1, size(used))], used), :)
     self%program%n_arguments = count(used)
   end subroutine drop_unread
+
+  !> A law as one without the multiples of arguments that its program takes off last, such as its
+  !! linear part at rest; these by coordinates and by rates, shapes (n_dof), to be added to it.
+  subroutine part_linear(self, by_q, by_v)
+    class(law_term), intent(inout) :: self
+    real(wp), intent(out) :: by_q(:), by_v(:)
+    integer :: k, n
+
+    by_q = 0.0_wp
+    by_v = 0.0_wp
+    n = size(self%program%code)
+    do while (n > 4)
+      if (any(self%program%code(n - 3:n) /= [put_argument, put_number, multiply, subtract])) exit
+      k = nint(self%program%number(n - 3))
+      by_q = by_q - self%program%number(n - 2)*self%arguments(k, :)
+      by_v = by_v - self%program%number(n - 2)*self%rates(k, :)
+      n = n - 4
+    end do
+    if (n == size(self%program%code)) return
+    self%program%code = self%program%code(:n)
+    self%program%number = self%program%number(:n)
+    call self%program%measure()
+    call self%drop_unread()
+  end subroutine part_linear
 
   !> Arguments from coordinates and rates, of every lane.
   pure function arguments_of_lanes(self, q, v) result(values)

@@ -10,10 +10,11 @@ module viscovib_polynomial_motion
   use viscovib_driven_system, only: driven_system_type
   use viscovib_frozen_surfaces, only: frozen
   use viscovib_kinds, only: wp
-  use viscovib_lanes, only: max_dof, n_lanes
+  use viscovib_lanes, only: add_multiple, add_two, max_dof, multiply_lanes, n_lanes, turn
   use viscovib_law_branches, only: slides
+  use viscovib_law_term, only: law_term
   use viscovib_load, only: load_type
-  use viscovib_polynomial, only: monomial_type, multiply, polynomial_type
+  use viscovib_polynomial, only: monomial_type, polynomial_type
   use viscovib_status, only: fail, show, status_input_error, status_type
   use viscovib_switched_laws, only: new_switched_laws, switched_laws
   implicit none
@@ -24,8 +25,10 @@ module viscovib_polynomial_motion
   type, extends(driven_system_type) :: polynomial_motion_type
     type(monomial_type), allocatable, private :: monomials(:)
     type(switched_laws), private :: laws
-    !> M^(-1), M^(-1) K and M^(-1) C, shape (n_dof, n_dof).
+    !> M^(-1), M^(-1) K and M^(-1) C, shape (n_dof, n_dof), and an upper bound of the rates that
+    !! these have at rest.
     real(wp), allocatable, private :: inverse(:, :), stiffness(:, :), damping(:, :)
+    real(wp), private :: linear_rate = 0.0_wp
     !> M^(-1) P_k, shape (n_dof, size(orders)), and orders, ascending.
     complex(wp), allocatable, private :: load(:, :)
     integer, allocatable, private :: orders(:)
@@ -59,8 +62,10 @@ contains
     real(wp), intent(in) :: nu
     type(status_type), intent(out) :: status
     complex(wp) :: inverse(system%n_dof(), system%n_dof())
+    type(law_term) :: laws(size(system%laws))
+    real(wp) :: by_q(system%n_dof()), by_v(system%n_dof()), weights(system%n_dof())
     logical :: singular
-    integer :: i
+    integer :: d, i
 
     if (system%n_dof() > max_dof) then
       call fail(status, status_input_error, 'system', 'system: has '//show(system%n_dof()) &
@@ -83,7 +88,19 @@ contains
     motion%drives = [(nu, i=1, 2)]
     motion%quarters = [0, 3]
     motion%limited = .false.
-    call new_switched_laws(motion%laws, system%laws, motion%inverse)
+    motion%linear_rate = sqrt(maxval(sum(abs(motion%stiffness), 2))) &
+                         + maxval(sum(abs(motion%damping), 2))
+    laws = system%laws
+    do i = 1, size(laws)
+      if (laws(i)%state > 0) cycle
+      call laws(i)%part_linear(by_q, by_v)
+      weights = matmul(motion%inverse(:, laws(i)%equations), laws(i)%weights)
+      do d = 1, motion%n_dof
+        motion%stiffness(d, :) = motion%stiffness(d, :) + weights(d)*by_q
+        motion%damping(d, :) = motion%damping(d, :) + weights(d)*by_v
+      end do
+    end do
+    call new_switched_laws(motion%laws, laws, motion%inverse)
     if (size(motion%laws%holds) > 0) motion%signals = motion%laws%signals
   end subroutine new_polynomial_motion
 
@@ -409,13 +426,13 @@ contains
     real(wp), intent(in) :: q(n_lanes, self%n_dof), v(n_lanes, self%n_dof)
     real(wp), intent(in) :: drive(n_lanes, size(self%drives))
     real(wp), intent(out) :: a(n_lanes, self%n_dof)
-    real(wp) :: product(n_lanes), c(n_lanes), s(n_lanes), part(n_lanes)
+    real(wp) :: product(n_lanes), c(n_lanes), s(n_lanes)
     integer :: b, d, i, j, k, order
 
     do d = 1, self%n_dof
       product = 0.0_wp
       do b = 1, self%n_dof
-        product = product - (self%stiffness(d, b)*q(:, b) + self%damping(d, b)*v(:, b))
+        call add_two(product, -self%stiffness(d, b), q(:, b), -self%damping(d, b), v(:, b))
       end do
       a(:, d) = product
     end do
@@ -423,11 +440,11 @@ contains
       associate (m => self%monomials(i))
         product = m%coefficient
         do j = 1, size(m%dof)
-          call multiply(product, q(:, m%dof(j)), m%power(j))
+          call multiply_lanes(product, q(:, m%dof(j)), m%power(j))
         end do
         do d = 1, self%n_dof
           if (abs(self%inverse(d, m%equation)) > 0.0_wp) then
-            a(:, d) = a(:, d) - self%inverse(d, m%equation)*product
+            call add_multiple(a(:, d), -self%inverse(d, m%equation), product)
           end if
         end do
       end associate
@@ -438,13 +455,16 @@ contains
     s = 0.0_wp
     do k = 1, size(self%orders)
       do while (order < self%orders(k))
-        part = c*drive(:, 1) - s*drive(:, 2)
-        s = s*drive(:, 1) + c*drive(:, 2)
-        c = part
+        if (order == 0) then
+          c = drive(:, 1)
+          s = drive(:, 2)
+        else
+          call turn(c, s, drive)
+        end if
         order = order + 1
       end do
       do d = 1, self%n_dof
-        a(:, d) = a(:, d) + (real(self%load(d, k))*s + aimag(self%load(d, k))*c)
+        call add_two(a(:, d), real(self%load(d, k)), s, aimag(self%load(d, k)), c)
       end do
     end do
     if (.not. self%timed) return
@@ -466,8 +486,7 @@ contains
   !! (rad/s): what steps begin with.
   pure real(wp) function fastest(self)
     class(polynomial_motion_type), intent(in) :: self
-    fastest = max(sqrt(maxval(sum(abs(self%stiffness), 2))) + maxval(sum(abs(self%damping), 2)), &
-                  self%drives(1))
+    fastest = max(self%linear_rate, self%drives(1))
   end function fastest
 
 end module viscovib_polynomial_motion

@@ -13,7 +13,7 @@
 !! motion rests against it.
 module viscovib_switched_laws
   use viscovib_kinds, only: wp
-  use viscovib_lanes, only: n_lanes
+  use viscovib_lanes, only: add_multiple, n_lanes
   use viscovib_law_branches, only: find_signals, held, signal_type, slides
   use viscovib_law_lanes, only: evaluate_lanes, evaluate_term
   use viscovib_law_program, only: law_program, wall
@@ -291,13 +291,13 @@ contains
         value(l) = self%elements(i)%force(value(l))
       end do
       do d = 1, self%n_dof
-        a(:, d) = a(:, d) - self%elements(i)%weights(d)*value
+        call add_multiple(a(:, d), -self%elements(i)%weights(d), value)
       end do
     end do
     do i = 1, size(self%laws)
       call evaluate_term(self%laws(i), q, v, value)
       do d = 1, size(a, 2)
-        a(:, d) = a(:, d) - self%weights(d, i)*value
+        call add_multiple(a(:, d), -self%weights(d, i), value)
       end do
     end do
     if (self%n_slides() == 0) return
