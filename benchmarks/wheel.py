@@ -1,11 +1,13 @@
 """Native build and wheel side by side: `./run bench --wheel [WHEEL]`.
 
 Both run in processes of their own, by turns, so that a busy machine is busy for both; the table has
-medians of the alternate runs, and the ratio of native to wheel (1: as fast).
+medians of the alternate runs, and the ratio of native to wheel (1: as fast). Before it stands what
+importing the installed wheel takes, beside importing NumPy.
 """
 
 import argparse
 import csv
+import resource
 import statistics
 import subprocess
 import sys
@@ -15,6 +17,30 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
 CASES = ROOT / "benchmarks" / "wheel_cases.py"
+
+
+#: What fresh interpreters of the installed wheel are asked.
+IMPORTS = {
+    "nothing": "",
+    "numpy": "import numpy",
+    "viscovib": "import viscovib",
+    "a first response": "import viscovib as vv\nmount = vv.Mount(mass=1, inertia=1, offset=0.1,"
+    " stiffness_x=1, stiffness_phi=1)\nvv.forced_response(mount, [0.5, 0.9], load=0.01)",
+    "every public name": "import viscovib\nfor name in viscovib.__all__: getattr(viscovib, name)",
+}
+
+
+def import_times(python: Path, turns: int) -> dict[str, float]:
+    """Return the least processor time (s) of a fresh interpreter by what it imports, by turns."""
+    taken: dict[str, list[float]] = {name: [] for name in IMPORTS}
+    for _ in range(turns):
+        for name, code in IMPORTS.items():
+            before = resource.getrusage(resource.RUSAGE_CHILDREN)
+            subprocess.run([str(python), "-c", code], check=True, cwd=tempfile.gettempdir())
+            after = resource.getrusage(resource.RUSAGE_CHILDREN)
+            spent = after.ru_utime + after.ru_stime
+            taken[name].append(spent - before.ru_utime - before.ru_stime)
+    return {name: min(times) for name, times in taken.items()}
 
 
 class Worker:
@@ -76,9 +102,14 @@ def main() -> None:
     parser.add_argument("--out", type=Path, default=ROOT / "out" / "bench")
     options = parser.parse_args()
     wheel = options.wheel or newest()
-    workers = {"native": Worker(Path(sys.executable)), "wheel": Worker(installed(wheel))}
+    python = installed(wheel)
+    imports = import_times(python, options.turns)
+    print(f"{'fresh interpreter':24}{'seconds':>12}{'of numpy':>12}")
+    for name, spent in imports.items():
+        print(f"{name:24}{spent:12.3f}{spent / imports['numpy']:12.2f}", flush=True)
+    workers = {"native": Worker(Path(sys.executable)), "wheel": Worker(python)}
     rows = []
-    print(f"wheel: {wheel.name}; medians of {options.turns} alternate runs")
+    print(f"\nwheel: {wheel.name}; medians of {options.turns} alternate runs")
     print(f"{'case':24}{'native ms':>12}{'wheel ms':>12}{'speed':>8}")
     for case in workers["native"].cases:
         taken: dict[str, list[float]] = {name: [] for name in workers}
@@ -96,6 +127,8 @@ def main() -> None:
     options.out.mkdir(parents=True, exist_ok=True)
     with open(options.out / "wheel.csv", "w", newline="") as file:
         csv.writer(file).writerows([["case", "native_ms", "wheel_ms", "speed"], *rows])
+    with open(options.out / "imports.csv", "w", newline="") as file:
+        csv.writer(file).writerows([["imported", "processor_s"], *imports.items()])
 
 
 if __name__ == "__main__":
