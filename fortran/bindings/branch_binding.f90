@@ -40,6 +40,7 @@ subroutine mount_branch(flat, n_flat, kind_x, data_x, n_x, kind_phi, data_phi, n
   use viscovib_response_plan, only: method_newton, new_response_plan, response_plan_type
   use viscovib_sized_curve, only: refitted
   use viscovib_status, only: status_type
+  use viscovib_truncated_stability, only: doubt_curve
   use viscovib_vector_builder, only: vector_at, vector_builder
   implicit none
   integer(c_int), intent(in) :: n_flat, kind_x, n_x, kind_phi, n_phi, n_rows, n_series, n_direction
@@ -175,10 +176,12 @@ subroutine mount_branch(flat, n_flat, kind_x, data_x, n_x, kind_phi, data_phi, n
         call judge%judge(system, [(merge(p(i), nu, parameter == vary_frequency), i=1, n_points)], &
                          motions, stability, cancel(1))
       end if
-      call fill_stability(stability, stable, multipliers, exponents)
-      growing(:n_points) = stability%n_growing
       call find_crossings(judge, curve, nu, p(:n_points), branch%x(:, :n_points), stability, &
                           branch%folds, branch%branch_points, found_crossings, cancel(1))
+      call doubt_curve(judge, curve, nu, p(:n_points), motions, branch%truncation(:n_points), &
+                       branch%allowed, stability, cancel(1))
+      call fill_stability(stability, stable, multipliers, exponents)
+      growing(:n_points) = stability%n_growing
       n_crossings = size(found_crossings)
       do i = 1, min(n_crossings, max_special)
         associate (crossing => found_crossings(i))

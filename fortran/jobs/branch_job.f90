@@ -23,6 +23,7 @@ module viscovib_branch_job
   use viscovib_status, only: fail, show, status_input_error, status_type, things
   use viscovib_subject, only: subject_type
   use viscovib_table, only: listed, listed_units, table_type
+  use viscovib_truncated_stability, only: doubt_curve
   implicit none
   private
 
@@ -223,6 +224,9 @@ contains
         end if
         call find_crossings(judge, curve, job%nu, branch%parameter(:n), branch%x(:, :n), &
                             stability, branch%folds, branch%branch_points, crossings)
+        ! Where verdicts change is sought with those of the motions as they are.
+        call doubt_curve(judge, curve, job%nu, branch%parameter(:n), motions, &
+                         branch%truncation(:n), branch%allowed(:n), stability)
       end associate
     end if
     ! Of a structure its coordinates have it, not the deflections.

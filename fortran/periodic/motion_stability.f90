@@ -28,6 +28,9 @@ module viscovib_motion_stability
 
   public :: judge_type, stability_type, new_judge
 
+  !> Stability that hangs on the orders left out (`viscovib_truncated_stability`).
+  integer, parameter, public :: unknown_by_truncation = -2
+
   !> Multipliers this close to the unit circle count as on it.
   real(wp), parameter, public :: circle = 1.0e-9_wp
   !> The same of motions on whose way a law jumps.
@@ -43,7 +46,7 @@ module viscovib_motion_stability
 
   !> Of n solutions.
   type :: stability_type
-    !> 1: stable, 0: not, -1: unknown; how many disturbances grow, -1: unknown. Shape (n).
+    !> 1: stable, 0: not, -1: unknown, -2: unknown by truncation; how many disturbances grow, -1: unknown. Shape (n).
     integer, allocatable :: stable(:), n_growing(:)
     !> Whether none decays more slowly than the first exponent. Shape (n).
     logical, allocatable :: slowest(:)

@@ -14,6 +14,7 @@ module viscovib_newton_response
   use viscovib_point_orders, only: choose_orders, order_choice
   use viscovib_response, only: response_options, response_type
   use viscovib_stopping, only: is_set, stop_wanted
+  use viscovib_truncated_stability, only: doubt_motions
   implicit none
   private
 
@@ -257,6 +258,8 @@ contains
     x(2::2, :, :) = aimag(response%coefficients)
     call new_judge(judge, system, set)
     call judge%judge(system, response%nu, x, response%stability, cancel)
+    call doubt_motions(judge, system, response%nu, x, response%truncation, response%allowed, &
+                       response%stability, cancel)
   end subroutine judge_all
 
 end module viscovib_newton_response

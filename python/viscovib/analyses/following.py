@@ -17,7 +17,7 @@ from viscovib.analyses.starts import Start, StartLike, start_of
 from viscovib.analyses.steady import _prepare, falling
 from viscovib.bodies.body import Body
 from viscovib.bodies.varying_body import varied_body
-from viscovib.common.motion_stability import Stability
+from viscovib.common.motion_stability import Stability, hanging
 from viscovib.common.parameters import OPPOSITE, STABILITY, SYMMETRIC, CurveOptions
 from viscovib.common.plan import Plan
 from viscovib.errors import ConvergenceWarning, InputError, caller
@@ -284,7 +284,7 @@ def _branch(
     stability: Stability | None = None
     if judged_too:
         stability = Stability.of(judged[:n], multipliers[:, :n], exponents[:, :n])
-        if (judged[:n] < 0).all() and not system._active_kernels:
+        if (judged[:n] == -1).all() and not system._active_kernels:
             stability = None
     allowed = allowed[:n].copy()
     _warn_above(
@@ -342,7 +342,8 @@ def _branch(
     _warn_above(
         branch.truncation, allowed, tolerance, way.varies, p,
         f"harmonics up to {orders[-1]} do not reach the tolerance",
-        falling(motions[worst]) if branch.truncation[worst] > allowed[worst] else "",
+        (falling(motions[worst]) if branch.truncation[worst] > allowed[worst] else "")
+        + hanging(branch.stable, branch.truncation > allowed),
     )  # fmt: skip
     advice = advice_on_sticking(system) if branch.outcome == "stuck" else ""
     if advice:

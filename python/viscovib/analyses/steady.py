@@ -12,7 +12,7 @@ from viscovib import _native
 from viscovib._native import ComplexArray, FloatArray, core
 from viscovib.analyses.starts import StartLike, start_of
 from viscovib.common.counts import things
-from viscovib.common.motion_stability import Stability
+from viscovib.common.motion_stability import Stability, hanging
 from viscovib.common.parameters import (
     ATOL,
     MAX_HARMONICS,
@@ -351,7 +351,7 @@ def _warn_of_few_orders(response: Response) -> None:
         f"not reach the tolerance {response._tolerance:.1e}; worst at nu = "
         f"{response.nu[worst]:.6g}, where those up to {response.highest[worst]} "
         f"leave an estimated relative error of {response.truncation[worst]:.1e}"
-        f"{falling(motions[worst])}",
+        f"{falling(motions[worst])}{hanging(response.stable, few)}",
         ConvergenceWarning,
         stacklevel=caller(),
     )

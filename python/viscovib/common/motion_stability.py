@@ -39,6 +39,14 @@ def stability_columns(
     return columns
 
 
+def hanging(stable: npt.NDArray[Any] | None, few: npt.NDArray[np.bool_]) -> str:
+    """Say of how many motions with too ``few`` harmonics stability is unknown, if of any."""
+    n = 0 if stable is None else sum(s is None for s in stable[few])
+    if not n:
+        return ""
+    return f"; stability of {n} of these is unknown, for the harmonics left out decide it"
+
+
 class Stability(NamedTuple):
     """Of n motions: stable or not, multipliers and exponents; see `Branch`."""
 
@@ -57,15 +65,16 @@ class Stability(NamedTuple):
     ) -> "Stability":
         """From arrays of the core, codes being 1: stable, 0: not, -1: unknown.
 
-        2: stable, but others may decay more slowly than the first exponent says.
-        Warns of motions, among those ``solved``, whose stability is unknown.
+        2: stable, but others may decay more slowly than the first exponent says. -2: unknown
+        because the harmonics left out decide it, of which the caller warns.
+        Warns of other motions, among those ``solved``, whose stability is unknown.
         """
         unknown = codes < 0
         stable: npt.NDArray[Any] = codes > 0
         if unknown.any():
             stable = stable.astype(object)
             stable[unknown] = None
-        lost = unknown if solved is None else unknown & solved
+        lost = codes == -1 if solved is None else (codes == -1) & solved
         if lost.any():
             warnings.warn(
                 f"stability of {lost.sum()} of {things(lost.size, 'motion')} is unknown: an "

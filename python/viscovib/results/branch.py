@@ -40,7 +40,8 @@ class Branch(PeriodicMotions, Curve):
         X_k.
     stable : ndarray of bool, shape (n,), or None
         None: unknown (too stiff for the Floquet solver) or not asked for. If it is unknown of some
-        motions only, the array holds objects, True, False and None.
+        motions only, as where too few harmonics were kept to tell, the array holds objects, True,
+        False and None.
     growing : ndarray of int, shape (n,), or None
         How many disturbances grow; -1: unknown.
     multipliers : complex ndarray, shape (n, 2 n_dof), or None

@@ -1,0 +1,165 @@
+!> Whether the stability of a motion is sure although its harmonics are too few.
+!!
+!! Multipliers are those of the motion that was found, and this is off by its truncation. So the
+!! verdict must be the same for motions beside it, three truncations away: larger and smaller ones,
+!! and ones with more and less of the higher half of the orders. Where one of them is judged
+!! otherwise, or the logarithm of the largest multiplier is below the truncation itself, stability
+!! is unknown. Multipliers change by less than 10^4 times the truncation, so that motions far from
+!! the circle are not looked at, nor are those whose truncation is allowed.
+!! docs/explanation/stability.md says what wrong verdicts this was measured to find.
+module viscovib_truncated_stability
+  use, intrinsic :: ieee_arithmetic, only: ieee_is_finite, ieee_is_nan
+  use viscovib_constants, only: pi
+  use viscovib_kinds, only: wp
+  use viscovib_motion_norm, only: weighted_norm
+  use viscovib_motion_stability, only: judge_type, new_judge, stability_type, unknown_by_truncation
+  use viscovib_oscillator, only: oscillator_type
+  use viscovib_oscillator_curve, only: oscillator_curve_type, vary_frequency
+  use viscovib_stopping, only: given_up
+  implicit none
+  private
+
+  public :: doubt_curve, doubt_motions
+
+  !> Change of a multiplier over that of the motion, at most.
+  real(wp), parameter :: steepest = 1.0e4_wp
+  !> How far the motions beside are away, in truncations.
+  real(wp), parameter :: as_far = 3.0_wp
+  integer, parameter :: n_beside = 4
+  !> The verdict is certain, it is not, or motions beside tell.
+  integer, parameter :: sure = 0, lost = 1, doubtful = 2
+
+contains
+
+  !> Set to unknown what motions beside contradict.
+  subroutine doubt_motions(judge, system, nu, x, truncation, allowed, stability, cancel)
+    type(judge_type), intent(inout) :: judge
+    class(oscillator_type), intent(in) :: system
+    !> Frequencies (rad/s); harmonics, shape (2 n_orders, n_dof, n); relative truncation of each, and
+    !! what was allowed: where that is met, nothing is doubted.
+    real(wp), intent(in) :: nu(:), x(:, :, :), truncation(:), allowed(:)
+    type(stability_type), intent(inout) :: stability
+    !> May be set from elsewhere to give up.
+    integer, intent(inout), optional :: cancel
+    type(stability_type) :: others
+    real(wp) :: beside(size(x, 1), size(x, 2), n_beside)
+    integer :: i, k, look
+
+    do i = 1, size(nu)
+      if (given_up(cancel)) return
+      look = first_look(stability, i, nu(i), truncation(i), allowed(i))
+      if (look == lost) call set_unknown(stability, i)
+      if (look /= doubtful) cycle
+      call motions_beside(system, x(:, :, i), as_far*truncation(i), beside)
+      do k = 1, n_beside, 2
+        call judge%judge(system, [nu(i), nu(i)], beside(:, :, k:k + 1), others, cancel)
+        if (given_up(cancel)) return
+        if (all(others%stable == stability%stable(i))) cycle
+        call set_unknown(stability, i)
+        exit
+      end do
+    end do
+  end subroutine doubt_motions
+
+  !> The same along a curve, whose system may change.
+  subroutine doubt_curve(judge, curve, nu, p, x, truncation, allowed, stability, cancel)
+    type(judge_type), intent(inout) :: judge
+    class(oscillator_curve_type), intent(inout) :: curve
+    !> The frequency (rad/s) unless it varies; points, shapes (n) and (2 n_orders, n_dof, n).
+    real(wp), intent(in) :: nu, p(:), x(:, :, :), truncation(:), allowed(:)
+    type(stability_type), intent(inout) :: stability
+    integer, intent(inout), optional :: cancel
+    type(stability_type) :: one
+    integer :: i
+    logical :: inside
+
+    if (.not. curve%changes_system) then
+      call doubt_motions(judge, curve%system, merge(p, spread(nu, 1, size(p)), &
+                                                    curve%vary == vary_frequency), &
+                         x, truncation, allowed, stability, cancel)
+      return
+    end if
+    do i = 1, size(p)
+      if (first_look(stability, i, nu, truncation(i), allowed(i)) == sure) cycle
+      call curve%set(p(i), inside)
+      if (.not. inside) cycle
+      call new_judge(judge, curve%system, curve%balance%set)
+      call take(stability, i, one)
+      call doubt_motions(judge, curve%system, [nu], x(:, :, i:i), truncation(i:i), &
+                        allowed(i:i), one, cancel)
+      stability%stable(i) = one%stable(1)
+      stability%n_growing(i) = one%n_growing(1)
+      stability%slowest(i) = one%slowest(1)
+    end do
+  end subroutine doubt_curve
+
+  subroutine set_unknown(stability, i)
+    type(stability_type), intent(inout) :: stability
+    integer, intent(in) :: i
+    stability%stable(i) = unknown_by_truncation
+    stability%n_growing(i) = -1
+    stability%slowest(i) = .false.
+  end subroutine set_unknown
+
+  !> What is known of one motion.
+  subroutine take(stability, i, one)
+    type(stability_type), intent(in) :: stability
+    integer, intent(in) :: i
+    type(stability_type), intent(out) :: one
+    one%stable = stability%stable(i:i)
+    one%n_growing = stability%n_growing(i:i)
+    one%slowest = stability%slowest(i:i)
+    one%exponents = stability%exponents(:, i:i)
+    one%multipliers = stability%multipliers(:, i:i)
+  end subroutine take
+
+  !> What is certain of one motion before others are judged: `sure`, `lost` or `doubtful`.
+  pure integer function first_look(stability, i, nu, truncation, allowed)
+    type(stability_type), intent(in) :: stability
+    integer, intent(in) :: i
+    real(wp), intent(in) :: nu, truncation, allowed
+    real(wp) :: distance
+
+    first_look = sure
+    if (stability%n_growing(i) < 0) return
+    if (.not. ieee_is_finite(truncation)) return
+    if (truncation <= allowed) return
+    ! The logarithm of the largest multiplier decides; where none is known, as if at 1.
+    distance = 1.0_wp
+    if (size(stability%exponents, 1) > 0) then
+      associate (growth => real(stability%exponents(1, i)))
+        if (.not. ieee_is_nan(growth)) distance = min(distance, abs(growth)*2.0_wp*pi/nu)
+      end associate
+    end if
+    if (truncation > distance/steepest) first_look = doubtful
+    if (truncation > distance) first_look = lost
+  end function first_look
+
+  !> Larger, smaller, with more and with less of the higher half of the orders.
+  subroutine motions_beside(system, x, away, beside)
+    class(oscillator_type), intent(in) :: system
+    !> Shape (2 n_orders, n_dof).
+    real(wp), intent(in) :: x(:, :)
+    !> Relative to the motion.
+    real(wp), intent(in) :: away
+    real(wp), intent(out) :: beside(:, :, :)
+    real(wp) :: upper(size(x, 1), size(x, 2)), part, size_of
+    integer :: n
+
+    n = size(x, 1)/2
+    do while (n > 1)
+      if (any(abs(x(2*n - 1:2*n, :)) > 0.0_wp)) exit
+      n = n - 1
+    end do
+    upper = 0.0_wp
+    upper(2*((n + 1)/2) + 1:2*n, :) = x(2*((n + 1)/2) + 1:2*n, :)
+    part = 0.0_wp
+    size_of = weighted_norm(system, upper)
+    if (size_of > 0.0_wp) part = min(1.0_wp, away*weighted_norm(system, x)/size_of)
+    beside(:, :, 1) = x + away*x
+    beside(:, :, 2) = x - away*x
+    beside(:, :, 3) = x + part*upper
+    beside(:, :, 4) = x - part*upper
+  end subroutine motions_beside
+
+end module viscovib_truncated_stability

@@ -1,0 +1,86 @@
+"""Stability of motions with too few harmonics: unknown where the ones left out decide it."""
+
+import warnings
+
+import numpy as np
+import pytest
+import viscovib as vv
+
+pytestmark = pytest.mark.filterwarnings("ignore::viscovib.ConvergenceWarning")
+
+
+def _chain(rng):
+    n = int(rng.integers(1, 4))
+    mass, k = rng.uniform(0.5, 2, n), rng.uniform(0.5, 2, n + 1)
+    stiffness = np.diag(k[:-1] + k[1:]) - np.diag(k[1:-1], 1) - np.diag(k[1:-1], -1)
+    cubic, square = rng.uniform(0.2, 2), rng.uniform(-0.5, 0.5)
+    system = vv.PolynomialSystem(
+        mass=np.diag(mass), stiffness=stiffness, damping=rng.uniform(0.01, 0.05) * stiffness,
+        names=[f"x{i + 1}" for i in range(n)], forces={"x1": f"{cubic}*x1^3 + {square}*x1^2"},
+    )  # fmt: skip
+    lowest = np.sqrt(np.linalg.eigvalsh(stiffness / np.sqrt(np.outer(mass, mass)))[0])
+    load = np.zeros(n)
+    load[rng.integers(n)] = 10 ** rng.uniform(-0.5, 0.5)
+    return system, rng.uniform(0.3, 2) * lowest, load
+
+
+def _motion(system, nu, load, orders):
+    return vv.forced_response(
+        system, [nu], load=load, method="newton", harmonics=orders, stability=True, tolerance=1e-9
+    )
+
+
+def test_verdicts_of_few_harmonics_are_those_of_many():
+    """Random chains: without a look beside, five of them are judged wrongly."""
+    rng = np.random.default_rng(41)
+    judged = unknown = unstable = caught = 0
+    for _ in range(160):
+        system, nu, load = _chain(rng)
+        few = _motion(system, nu, load, int(rng.choice([1, 2, 3, 5])))
+        if not few.converged[0] or few.truncation[0] < 1e-9:
+            continue
+        many = _motion(system, nu, load, 31)
+        kept = many.coefficients[0][:, np.searchsorted(many.harmonics, few.harmonics)]
+        size = np.abs(kept).max()
+        if not many.converged[0] or many.stable[0] is None:
+            continue
+        if np.abs(few.coefficients[0] - kept).max() > 10 * few.truncation[0] * size:
+            continue  # Another motion.
+        if few.stable[0] is None:
+            unknown += 1
+            caught += (abs(few.multipliers[0, 0]) < 1) != many.stable[0]
+            continue
+        assert few.stable[0] == many.stable[0]
+        judged += 1
+        unstable += not many.stable[0]
+    assert judged > 90
+    assert unstable > 3
+    assert caught > 2
+    assert 0 < unknown < 0.35 * (judged + unknown)
+
+
+def test_a_branch_beside_a_gap_with_few_harmonics():
+    """NLvib's example 03 with 21 orders: between two folds all is unstable, or said unknown."""
+    stiffness = np.array([[1.0, -1], [-1, 2]])
+    system = vv.Structure(
+        mass=np.eye(2), stiffness=stiffness, damping=0.03 * stiffness,
+        elements=[vv.Gap(on="x1", stiffness=100, gap=1)],
+    )  # fmt: skip
+    with warnings.catch_warnings(record=True) as told:
+        warnings.simplefilter("always")
+        branch = vv.trace_response(system, (0.8, 0.6), load=[0, 0.1], harmonics=21)
+    turns = np.sign(np.diff(branch.nu))
+    first, second = np.flatnonzero(turns[1:] != turns[:-1]) + 1
+    between = branch.stable[first + 1 : second]
+    assert not any(s is True for s in between)
+    lost = np.array([s is None for s in branch.stable])
+    assert lost.any()
+    assert np.all(branch.growing[lost] == -1)
+    assert np.all(branch.truncation[lost] > 1e-4)
+    assert any(f"stability of {lost.sum()} of these is unknown" in str(w.message) for w in told)
+
+
+def test_stability_is_not_doubted_where_harmonics_are_enough():
+    system = vv.PolynomialSystem(mass=1, stiffness=1, damping=0.05, forces="x^3")
+    branch = vv.trace_response(system, (0.4, 3), load=0.5)
+    assert branch.stable.dtype == bool
