@@ -65,14 +65,25 @@ contains
     end if
   end subroutine read_frequency
 
-  subroutine read_transient(reader, system, job)
+  subroutine read_transient(reader, system, job, from_rest)
     type(group_reader), intent(inout) :: reader
     class(driven_system_type), intent(in) :: system
     type(transient_job), intent(out) :: job
+    !> Whether it begins at rest where no start is given, which else is needed.
+    logical, intent(in), optional :: from_rest
     type(status_type) :: checked
     character(len=:), allocatable :: word
+    real(wp) :: start(2*system%n_dof)
+    logical :: may_lack
 
-    job%initial = reader%read_reals('initial', 2*system%n_dof)
+    may_lack = .false.
+    if (present(from_rest)) may_lack = from_rest
+    if (may_lack) then
+      start = 0.0_wp
+      job%initial = reader%read_reals('initial', 2*system%n_dof, start)
+    else
+      job%initial = reader%read_reals('initial', 2*system%n_dof)
+    end if
     job%t_end = reader%read_real('t_end')
     job%dt = reader%read_real('dt', 0.0_wp)
     call read_accuracy(reader, job)

@@ -9,6 +9,7 @@ module viscovib_scene
   use viscovib_law_parameters, only: read_parameters
   use viscovib_load, only: load_type
   use viscovib_load_groups, only: read_loads
+  use viscovib_method_catalogue, only: transient_methods
   use viscovib_mount, only: mount_parameters
   use viscovib_mount_groups, only: read_mount
   use viscovib_namelist, only: namelist_type, read_namelist
@@ -22,6 +23,7 @@ module viscovib_scene
   use viscovib_subject, only: name_length, subject_type
   use viscovib_sweep_groups, only: read_sweep
   use viscovib_system_groups, only: read_system
+  use viscovib_whole_structure, only: switches, whole_polynomial
   implicit none
   private
 
@@ -122,8 +124,35 @@ contains
     end if
     call put_load(subject%model, load, place_of(file, 'transient') <= size(file%groups), &
                   subject%structure, subject%load, status)
+    if (.not. status%failed()) call go_whole(file, load, subject, status)
     if (status%failed()) status%message = file%path//': '//status%message
   end subroutine read_subject
+
+  !> In time a small structure whose laws switch goes by its whole equations, where steps end at the
+  !! switches, unless the scene asks for what only the condensed ones have.
+  subroutine go_whole(file, load, subject, status)
+    type(namelist_type), intent(in) :: file
+    type(load_type), intent(in) :: load
+    type(subject_type), intent(inout) :: subject
+    type(status_type), intent(inout) :: status
+    integer :: i, method
+
+    i = place_of(file, 'transient')
+    if (i > size(file%groups)) return
+    if (.not. switches(subject%model)) return
+    associate (group => file%groups(i))
+      if (group%find('held') > 0 .or. group%find('memory') > 0) return
+      method = group%find('method')
+      if (method > 0) then
+        if (.not. any(transient_methods == group%entries(method)%values(1)%text)) return
+      end if
+    end associate
+    call whole_polynomial(subject%model, subject%polynomial, status)
+    if (status%failed()) return
+    subject%load = load
+    subject%is_structure = .false.
+    subject%is_polynomial = .true.
+  end subroutine go_whole
 
   subroutine read_title(file, scene, canonical, status)
     type(namelist_type), intent(in) :: file

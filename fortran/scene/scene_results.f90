@@ -198,7 +198,9 @@ contains
       if (.not. reader%status%failed()) then
         call new_polynomial_motion(system, subject%polynomial, subject%load, own%nu, status)
         call reader%place(status)
-        if (.not. status%failed()) call read_transient(reader, system, motion)
+        ! A structure by its whole equations may begin at rest.
+        if (.not. status%failed()) call read_transient(reader, system, motion, &
+                                                       allocated(subject%model%elements))
       end if
       call move_alloc(motion, own%motion)
     end if

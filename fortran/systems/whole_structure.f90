@@ -1,0 +1,70 @@
+!> Structures of few coordinates by their whole equations, in which steps of a motion in time end
+!! where laws switch.
+!!
+!! M u'' + C u' + K u + sum_j e_j f_j(e_j . u, e_j . u') = load, with C of modal damping in terms of
+!! all modes: C = M Phi diag(rates) Phi^T M, Phi^T M Phi = 1.
+module viscovib_whole_structure
+  use viscovib_kernel_holder, only: kernel_holder
+  use viscovib_kinds, only: wp
+  use viscovib_lanes, only: max_dof
+  use viscovib_law_program, only: branches
+  use viscovib_polynomial, only: new_polynomial, polynomial_parameters, polynomial_type
+  use viscovib_status, only: status_type
+  use viscovib_structure_elements, only: element_type, put_laws
+  use viscovib_structure_model, only: add_linear, structure_model
+  implicit none
+  private
+
+  public :: switches, whole_polynomial
+
+contains
+
+  !> Whether it is small, without memory or moving base, and has laws with kinks or jumps.
+  pure logical function switches(model)
+    type(structure_model), intent(in) :: model
+    integer :: i, j
+
+    switches = .false.
+    if (model%is_reduced .or. size(model%mass, 1) > max_dof) return
+    if (abs(model%modal%loss) > 0.0_wp .or. any(model%elements%kernel > 0)) return
+    if (model%load%moves_base()) return
+    do i = 1, size(model%elements)
+      do j = 1, size(model%elements(i)%laws)
+        switches = switches .or. any(branches(model%elements(i)%laws(j)%program%code))
+      end do
+    end do
+  end function switches
+
+  !> The same in all its coordinates; the model is condensed.
+  subroutine whole_polynomial(model, system, status)
+    type(structure_model), intent(in) :: model
+    type(polynomial_type), intent(out) :: system
+    type(status_type), intent(out) :: status
+    type(polynomial_parameters) :: p
+    type(kernel_holder) :: none(0)
+    type(element_type) :: elements(size(model%elements))
+    real(wp), dimension(size(model%mass, 1), size(model%mass, 1)) :: stiffness, damping, pushed
+    integer :: a, i, n
+
+    n = size(model%mass, 1)
+    ! Stiffness; the damping has Rayleigh's besides.
+    call add_linear(model, stiffness, damping)
+    damping = model%all_damping()
+    if (any(abs(model%modal%ratios) > 0.0_wp)) then
+      ! Real modes, which have every damping.
+      pushed = matmul(model%mass, model%rest%shapes)
+      damping = matmul(pushed*spread(model%rest%rates, 1, n), transpose(pushed))
+    end if
+    elements = model%elements
+    do i = 1, size(elements)
+      if (allocated(elements(i)%mix)) elements(i)%mix = elements(i)%direction
+    end do
+    call put_laws(elements, n, 0, p)
+    p%stiffness(:, :, 1) = p%stiffness(:, :, 1) + stiffness
+    p%mass = model%mass
+    p%damping = damping
+    p%base_direction = [(0.0_wp, a=1, n)]
+    call new_polynomial(system, p, none, status)
+  end subroutine whole_polynomial
+
+end module viscovib_whole_structure
