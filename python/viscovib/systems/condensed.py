@@ -10,6 +10,7 @@ from viscovib._native import ComplexArray, FloatArray
 from viscovib.common.counts import things
 from viscovib.errors import InputError
 from viscovib.systems.element_laws import Laws
+from viscovib.systems.resting_forces import Motions, forces_of_laws, products, solved
 from viscovib.systems.structure_rest import Rest, Static, static_form
 
 #: Kernel kind in x by which the core knows that the vector holds a condensed structure.
@@ -167,15 +168,6 @@ class Condensation:
         for kernel, reads, targets, law in programs:
             parts.append(law.numbers(reads, targets, kernel))
         return parts
-
-
-def _products(t: ComplexArray, left: Any, right: Any) -> ComplexArray:
-    """sum_m t_nm left_mq right_mp, shape (n, q, p), without einsum's search for a way."""
-    (n, m), q, p = t.shape, left.shape[1], right.shape[1]
-    if p <= n:
-        pairs = (left[:, :, np.newaxis] * right[:, np.newaxis, :]).reshape(m, q * p)
-        return np.asarray((t @ pairs).reshape(n, q, p))
-    return np.asarray((t[:, np.newaxis, :] * left.T) @ right)
 
 
 def _seen(directions: FloatArray, bodies: FloatArray) -> FloatArray:
@@ -361,6 +353,7 @@ class LoadedStructure:
         shapes, left = rest.shapes[places].T, rest.left[places].T
         flexible, flexible_rate = c.flexible[places], c.flexible_rate[places]
         size = max(1, _AT_ONCE // max(rest.squares.size + rest.poles.size, 1))
+        whole = np.abs(y).max(axis=(1, 2))
         for k, order in enumerate(orders):
             j = np.flatnonzero(self.orders == order)
             if order == 0:
@@ -371,7 +364,9 @@ class LoadedStructure:
                     part = np.flatnonzero(np.isfinite(y[first : first + size, :, k]).all(axis=1))
                     part += first
                     s = 1j * order * nu[part]
-                    modes, poles, g = self._forced(s, y[part, :, k], j, factors[part])
+                    modes, poles, g = self._forced(
+                        s, y[part, :, k], j, factors[part], Motions(nu, orders, y, k, part, whole)
+                    )
                     u[part, :, k] = modes @ shapes + poles @ left
                     if rest.flexibility is not None:
                         u[part, :, k] += g @ flexible.T + (s[:, np.newaxis] * g) @ flexible_rate.T
@@ -402,9 +397,17 @@ class LoadedStructure:
         return c.static(push.modes, push.poles, push.flexible)
 
     def _forced(
-        self, s: ComplexArray, y: ComplexArray, j: Any, factors: FloatArray
+        self,
+        s: ComplexArray,
+        y: ComplexArray,
+        j: Any,
+        factors: FloatArray,
+        motions: Motions | None = None,
     ) -> tuple[Any, Any, Any]:
-        """Amplitudes of real and complex modes, and forces of the elements on the rest."""
+        """Amplitudes of real and complex modes, and forces of the elements on the rest.
+
+        ``motions``: all orders, from which forces follow where H g = y - free loses more digits.
+        """
         c, rest = self.condensation, self.condensation.rest
         at = s[:, np.newaxis]
         apart = rest.squares * (1 + 1j * rest.losses) + rest.rates * at + at**2
@@ -433,11 +436,17 @@ class LoadedStructure:
                 if kernel is not None:
                     g += kernel.transform(s.imag)[:, np.newaxis] * (y @ own.T)
             return (modes + g @ c.seen.T) * t, (poles + g @ c.right.T) * w, g
-        free += (modes[:, quiet] * t[:, quiet]) @ c.seen[quiet] + (poles * w) @ c.left
-        h = _products(t[:, quiet], c.seen[quiet], c.seen[quiet])
-        h = h + _products(w, c.left, c.right)
+        pushed = modes[:, quiet] * t[:, quiet]
+        free += pushed @ c.seen[quiet] + (poles * w) @ c.left
+        h = products(t[:, quiet], c.seen[quiet], c.seen[quiet])
+        h = h + products(w, c.left, c.right)
         h = h + c.laws.directions.T @ c.flexible
         h = h + s[:, np.newaxis, np.newaxis] * (c.laws.directions.T @ c.flexible_rate)
+        if not loud.size:
+            g = solved(h, y - free)
+            if motions is not None:
+                g = forces_of_laws(c, g, h, t, w, pushed, poles * w, y, motions)
+            return (modes + g @ c.seen.T) * t, (poles + g @ c.right.T) * w, g
         # Forces h of the elements on the rest: y = free + H h + seen a, a of the loud modes, with
         # apart a = modes + seen h.
         q = y.shape[1]
@@ -446,8 +455,7 @@ class LoadedStructure:
         whole[:, :q, q:] = c.seen[loud].T
         whole[:, q:, :q] = -c.seen[loud]
         whole[:, np.arange(q, q + loud.size), np.arange(q, q + loud.size)] = apart[:, loud]
-        right = np.concatenate([y - free, modes[:, loud]], axis=1)
-        found = np.linalg.solve(whole, right[:, :, np.newaxis])[:, :, 0]
+        found = solved(whole, np.concatenate([y - free, modes[:, loud]], axis=1))
         g = found[:, :q]
         amplitudes = (modes + g @ c.seen.T) * t
         amplitudes[:, loud] = found[:, q:]

@@ -1,0 +1,133 @@
+"""Forces of elements where the compliance of the rest nearly vanishes."""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from viscovib._native import ComplexArray, FloatArray
+from viscovib.systems.law_forces import are_smooth, forces_on_rest
+
+#: How far the terms of H cancel where their rounding is looked at, and what part of a motion an
+#: order has of which it is not.
+_CANCELLED, _NOTHING = 100.0, 1e-10
+#: Part of a motion that is rounding from which on forces are looked for elsewhere, a difference of
+#: motions for slopes of laws, relative, and what iterations may end with.
+_WORTH, _BESIDE, _ENDED = 3e-14, 1e-6, 1e-8
+_TINY = np.finfo(float).tiny
+
+
+class Motions(NamedTuple):
+    """All orders of motions: which order is looked at, of which motions."""
+
+    nu: FloatArray
+    orders: Any
+    #: Shape (n, q, m).
+    y: ComplexArray
+    k: int
+    part: Any
+    #: Largest harmonic of each motion, shape (n,).
+    whole: FloatArray
+
+
+def forces_of_laws(
+    c: Any,
+    g: ComplexArray,
+    h: ComplexArray,
+    t: ComplexArray,
+    w: ComplexArray,
+    pushed: ComplexArray,
+    turned: ComplexArray,
+    y: ComplexArray,
+    motions: Motions,
+) -> ComplexArray:
+    """Forces g of the laws themselves where H g = y - free loses more digits.
+
+    ``c``: a `Condensation`; t and w: 1/(squares + rates s + s^2) and 1/(s - poles), ``pushed`` and
+    ``turned``: times the loads on the modes, at each motion.
+
+    That is where H nearly vanishes though its terms do not (an antiresonance: the element is
+    at rest, whatever its force). Rounding of H and of free leaves |H^-1| eps (sum of the
+    terms' sizes); the law has what rounding of y leaves. Forces of the law that differ by more
+    than the former, or than iterations end with, belong to other equations, as those of a
+    branch whose parameter varies.
+    """
+    if not are_smooth(c.laws):
+        return g
+    eps = np.finfo(float).eps
+    seen, left, right = np.abs(c.seen), np.abs(c.left), np.abs(c.right)
+    # Orders of which next to nothing is there need no more digits.
+    real, turning = np.abs(t.real) + np.abs(t.imag), np.abs(w.real) + np.abs(w.imag)
+    most = real.max(axis=1, initial=0.0) * float((seen**2).sum(axis=0).max(initial=0.0))
+    if w.size:
+        most += turning.max(axis=1) * float((left.sum(axis=1) * right.sum(axis=1)).sum())
+    effect = most * np.abs(g).max(axis=1)
+    near = np.flatnonzero(effect > _NOTHING * motions.whole[motions.part])
+    if not near.size:
+        return g
+    sizes = products(real[near], seen, seen)
+    if w.size:
+        sizes += products(turning[near], left, right)
+    inverse = _inverse_sizes(h[near])
+    cancelled = (inverse @ sizes).max(axis=(1, 2)) > _CANCELLED
+    near, inverse, sizes = near[cancelled], inverse[cancelled], sizes[cancelled]
+    if not near.size:
+        return g
+    given = g
+    g, y, t, w, pushed, turned = (part[near] for part in (g, y, t, w, pushed, turned))
+    size = np.abs(y) + np.abs(pushed) @ seen + np.abs(turned) @ left
+    size += (sizes @ np.abs(g)[:, :, np.newaxis])[:, :, 0]
+    lost = eps * (inverse @ size[:, :, np.newaxis])[:, :, 0]
+    # What that is of the motion.
+    moved = (np.abs(t) * (lost @ seen.T)).max(axis=1, initial=0.0)
+    whole = np.abs(pushed + t * (g @ c.seen.T)).max(axis=1, initial=0.0)
+    if w.size:
+        moved += (np.abs(w) * (lost @ right.T)).max(axis=1)
+        whole += np.abs(turned + w * (g @ c.right.T)).max(axis=1)
+    doubtful = np.flatnonzero(moved > _WORTH * whole)
+    if not doubtful.size:
+        return given
+    places = near[doubtful]
+    found = motions.part[places]
+    nu, orders, own = motions.nu[found], motions.orders, np.nan_to_num(motions.y[found])
+    order = int(orders[motions.k])
+    at = forces_on_rest(c.laws, nu, orders, own, order)
+    beside = forces_on_rest(c.laws, nu, orders, own * (1 + _BESIDE), order)
+    bend = np.abs(beside - at).max(axis=1) / _BESIDE
+    own_size = np.abs(own).max(axis=(1, 2))
+    of_law = eps * bend * size[doubtful].max(axis=1) / np.maximum(own_size, _TINY)
+    lost = lost[doubtful]
+    ended = (inverse[doubtful] @ np.abs(y[doubtful])[:, :, np.newaxis])[:, :, 0]
+    same = (np.abs(at - g[doubtful]) <= 100 * lost + _ENDED * ended).all(axis=1)
+    taken = same & (of_law < lost.max(axis=1))
+    given[places[taken]] = at[taken]
+    return given
+
+
+def products(t: ComplexArray, left: Any, right: Any) -> ComplexArray:
+    """sum_m t_nm left_mq right_mp, shape (n, q, p), without einsum's search for a way."""
+    (n, m), q, p = t.shape, left.shape[1], right.shape[1]
+    if p <= n:
+        pairs = (left[:, :, np.newaxis] * right[:, np.newaxis, :]).reshape(m, q * p)
+        return np.asarray((t @ pairs).reshape(n, q, p))
+    return np.asarray((t[:, np.newaxis, :] * left.T) @ right)
+
+
+def solved(matrices: ComplexArray, right: ComplexArray) -> ComplexArray:
+    """Solutions of systems (n, q, q) with one right-hand side each, (n, q)."""
+    if matrices.shape[1] == 1 and matrices.all():
+        return right / matrices[:, 0]
+    return np.asarray(np.linalg.solve(matrices, right[:, :, np.newaxis])[:, :, 0])
+
+
+def _inverse_sizes(matrices: ComplexArray) -> FloatArray:
+    """Sizes of the entries of inverses, (n, q, q)."""
+    q = matrices.shape[1]
+    if q > 2:
+        return np.asarray(np.abs(np.linalg.inv(matrices)))
+    if q == 1:
+        sizes, determinant = np.ones(matrices.shape), matrices[:, 0, 0]
+    else:
+        sizes = np.abs(matrices[:, ::-1, ::-1]).transpose(0, 2, 1)
+        determinant = matrices[:, 0, 0] * matrices[:, 1, 1] - matrices[:, 0, 1] * matrices[:, 1, 0]
+    with np.errstate(divide="ignore", over="ignore"):
+        return np.asarray(sizes / np.abs(determinant)[:, np.newaxis, np.newaxis])
