@@ -1,5 +1,5 @@
 !> Harmonic balances of one system with more and more orders, each made when it is
-!! first asked for and then kept.
+!! first asked for and then kept. `torus_ladder` says why it has rungs of its own.
 module viscovib_balance_ladder
   use viscovib_dense, only: invert
   use viscovib_harmonic_balance, only: balance_type, new_balance

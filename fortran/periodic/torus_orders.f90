@@ -33,6 +33,12 @@ module viscovib_torus_orders
   end type torus_rung
 
   !> Balances of more and more shells, each made when it is first wanted.
+  !!
+  !! `balance_ladder_type` does the same for oscillators under one frequency, and the two stay
+  !! apart. A rung there keeps the inverse dynamic stiffness of each order left out, by which one
+  !! residual judges a solution. A system that is solved for its accelerations has no such blocks:
+  !! a rung here keeps the two levels of `near_levels` instead, whose iteration judges and solves.
+  !! What is the same, when to add orders, how many, and when in vain, is in `viscovib_order_rules`.
   type :: torus_ladder
     !> Bounds of the lattice to begin and to end with; shells that judge a solution, 0: it
     !! is not judged.
