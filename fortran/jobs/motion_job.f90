@@ -9,6 +9,7 @@ module viscovib_motion_job
     run_hereditary_job
   use viscovib_job, only: job_report, job_type, plan_unwanted, table_sink
   use viscovib_kinds, only: wp
+  use viscovib_law_end, only: told_law_end
   use viscovib_method_catalogue, only: transient_methods
   use viscovib_number_text, only: exact
   use viscovib_oscillator, only: oscillator_type
@@ -16,7 +17,7 @@ module viscovib_motion_job
   use viscovib_polar, only: argument, modulus
   use viscovib_polynomial_job, only: plan_polynomial, run_polynomial_job
   use viscovib_polynomial_motion, only: new_polynomial_motion, polynomial_motion_type
-  use viscovib_simulate, only: run_completed, run_event, run_names
+  use viscovib_simulate, only: run_completed, run_diverged, run_event, run_names
   use viscovib_status, only: set_ok, show, status_type, things
   use viscovib_structure_job, only: plan_structure, run_structure_job
   use viscovib_subject, only: subject_type
@@ -133,11 +134,30 @@ contains
     report%complete = any(trajectory%outcome == [run_completed, run_event]) .and. kept >= 2
     report%summary = trim(run_names(trajectory%outcome))//' at t = '//show(trajectory%t_reached) &
                      //', '//things(size(trajectory%t), 'state')
+    if (trajectory%outcome == run_diverged .and. allocated(trajectory%last)) then
+      report%summary = report%summary//law_end(self, subject, trajectory)
+    end if
     if (trajectory%error >= 0.0_wp) report%summary = report%summary//', estimated error ' &
                                                      //show(trajectory%error)
     if (kept < 2) report%summary = report%summary//'; no spectrum: ' &
                                    //things(kept, 'state')//' from discard on, must be at least 2'
   end subroutine run
+
+  !> Which place a law ends at, if that is why a motion stopped.
+  function law_end(self, subject, trajectory) result(text)
+    class(motion_job), intent(in) :: self
+    type(subject_type), intent(in) :: subject
+    type(trajectory_type), intent(in) :: trajectory
+    character(len=:), allocatable :: text
+    !> Part of a step that the stop is located within.
+    real(wp), parameter :: located = 1.0e-6_wp
+
+    text = ''
+    if (subject%is_pendulum .or. .not. allocated(subject%polynomial%laws)) return
+    if (size(trajectory%last) /= size(self%motion%initial)) return
+    text = told_law_end(subject%polynomial%laws, subject%coordinates, trajectory%last, &
+                        located*trajectory%h)
+  end function law_end
 
   !> Integrate.
   subroutine move(self, subject, trajectory, method, status)

@@ -67,6 +67,8 @@ module viscovib_transient_job
   type :: trajectory_type
     !> Times of the states kept, the start first; states, a column each.
     real(wp), allocatable :: t(:), states(:, :)
+    !> The state at t_reached, of all coordinates computed; not allocated: not known.
+    real(wp), allocatable :: last(:)
     !> Which coordinates these are; not allocated: all.
     integer, allocatable :: places(:)
     integer :: outcome = run_completed
@@ -123,6 +125,9 @@ contains
     allocate (states(2*size(moved), size(self%t)))
     states = 0.0_wp
     states(pack([(i, i=1, size(states, 1))], state_mask(moved)), :) = self%states
+    if (allocated(self%last)) then
+      self%last = unpack(self%last, state_mask(moved), spread(0.0_wp, 1, size(states, 1)))
+    end if
     call move_alloc(states, self%states)
   end subroutine spread_out
 
@@ -425,11 +430,13 @@ contains
     call simulate(stepper, self%system, 0_i8, n, every, no_times, states, no_states, &
                   trajectory%n_steps, n_reached, trajectory%t_reached, trajectory%outcome, &
                   watch=trajectory%watch)
+    trajectory%last = job%initial
+    trajectory%last(1::2) = stepper%q
+    trajectory%last(2::2) = stepper%v
     if (job%last_only) then
       trajectory%t = [trajectory%t_reached]
       allocate (trajectory%states(size(job%initial), 1))
-      trajectory%states(1::2, 1) = stepper%q
-      trajectory%states(2::2, 1) = stepper%v
+      trajectory%states(:, 1) = trajectory%last
       return
     end if
     kept = trajectory%n_steps/every

@@ -82,9 +82,10 @@ def reason(coarse: "Trajectory", fine: "Trajectory", want: Accuracy) -> str:
     """Why halving the step leads nowhere, in a few words."""
     for run in (fine, coarse):
         if run.outcome != "completed":
+            law = "" if run._law_end is None else f": {run.reason}"
             return (
                 f"the run is {run.outcome!r} at t = {run.t_reached:.6g}, in steps of "
-                f"{run.step:.3g} (largest value {np.abs(run.state).max():.3g})"
+                f"{run.step:.3g} (largest value {np.abs(run.state).max():.3g}){law}"
             )
     if coarse.state.shape != fine.state.shape:
         return "the two runs end at different times"

@@ -22,6 +22,7 @@ from viscovib.common.past import Past
 from viscovib.errors import ConvergenceWarning, InputError, caller
 from viscovib.results.trajectory import Passages, Trajectory
 from viscovib.systems.condensed import LoadedStructure
+from viscovib.systems.law_ends import law_end as end_of_law
 from viscovib.systems.load import LoadLike
 from viscovib.systems.load_table import LoadTable, added
 from viscovib.systems.polynomial_system import PolynomialSystem
@@ -73,6 +74,16 @@ class StructureTrajectory(Trajectory):
     def dof_units(self) -> tuple[str, ...]:
         """Their units."""
         return self._units
+
+    @property
+    def _law_end(self) -> tuple[str, dict[str, float]] | None:
+        """As of a `Trajectory`, from the last deflections that were kept."""
+        if not self.deflections.size:
+            return None
+        # A stop is located inside its step; steps that are too large end before it.
+        more = self.step if self.outcome == "step too large" else 1e-6 * self.step
+        reach = 2 * (self.t_reached - self.t[-1]) + more
+        return end_of_law(self.system, (self.deflections[-1], self.rates[-1]), float(reach))
 
     def to_dataset(self, *, physical: bool = False) -> xr.Dataset:
         """Coordinates and velocities over t, and ``deflections`` and ``rates`` of the elements."""

@@ -19,6 +19,7 @@ from viscovib.common.plan import Plan, wanted_places
 from viscovib.common.results import Number, Panel, Result, named, span
 from viscovib.common.tables import Table, listed_units
 from viscovib.errors import InputError
+from viscovib.systems.law_ends import law_end as end_of_law
 from viscovib.systems.mount import Mount
 from viscovib.systems.pendulum import Pendulum
 from viscovib.systems.polynomial_system import PolynomialSystem
@@ -60,11 +61,11 @@ class Trajectory(Result):
         Each coordinate and its velocity: (z, z', phi, phi', psi, psi') of a pendulum, (x, x', phi,
         phi') of a mount.
     outcome : str
-        "completed"; "diverged": a coordinate passed 1e6 (of a system that uses the mount's
-        integrator: it escapes to infinity, or leaves the range of numbers); "unphysical": z = -1,
-        the spring passes through the pivot or comes within 1e-6 of it; "step too large": the
-        motion goes on, but the given steps do not follow it. Runs that end so hold the states
-        before. "event": an event that ends the run.
+        "completed"; "diverged": it escapes to infinity, leaves the range of numbers, or comes to
+        where a force law ends (`reason` names it); of a pendulum: an angle passed 1e6;
+        "unphysical": z = -1, the spring passes through the pivot or comes within 1e-6 of it; "step
+        too large": the motion goes on, but the given steps do not follow it. Runs that end so hold
+        the states before. "event": an event that ends the run.
     t_reached : float
         Time that was reached: where a motion diverges or becomes unphysical it is found inside
         the step, to rounding. ``keep="last"`` keeps the state there.
@@ -166,6 +167,50 @@ class Trajectory(Result):
         """Whether the motion was followed to the end."""
         return self.outcome in ("completed", "event")
 
+    @cached_property
+    def reason(self) -> str | None:
+        """Why the run ended before its end, where and when, in a sentence; None: it did not.
+
+        A force law that ends, as a logarithm does, is named with what it reads there.
+
+        Examples
+        --------
+        >>> import viscovib as vv
+        >>> system = vv.PolynomialSystem(mass=1, stiffness=1, forces="0.3*log(1 + x)")
+        >>> vv.simulate(system, 20, initial=[1.5, 0]).reason
+        "the law '0.3*log(1 + x)' has no value beyond x = -1, reached at t = 2.13427"
+        """
+        when = f"at t = {self.t_reached:.6g}"
+        if self.complete:
+            return None
+        if self.outcome == "stopped":
+            return f"it was stopped {when}"
+        if self.outcome == "unphysical":
+            return f"the spring reaches its pivot (z = -1) {when}"
+        ended = self._law_end
+        if ended is None and self.outcome == "step too large":
+            return f"the motion goes on, but steps of {self.step:.6g} do not follow it {when}"
+        if ended is None:
+            return f"the motion runs away {when}"
+        text, reads = ended
+        where = ", ".join(f"{name} = {value:.6g}" for name, value in reads.items())
+        if self.t_reached <= 1e-12 * self.step:
+            return f"the law '{text}' has no value at the start, {where}"
+        if self.outcome == "step too large":
+            when = f"within a step of {self.step:.6g} after t = {self.t_reached:.6g}"
+            return f"the law '{text}' has no value beyond {where}, reached {when}"
+        return f"the law '{text}' has no value beyond {where}, reached {when}"
+
+    @property
+    def _law_end(self) -> tuple[str, dict[str, float]] | None:
+        """The law whose domain the motion leaves, and what it reads there; None: not so."""
+        state = None if self._resume is None else self._resume.state
+        if state is None or not isinstance(self.system, PolynomialSystem):
+            return None
+        n = len(self.system.dof_names)
+        # The state is that of the stop, which is located to rounding.
+        return end_of_law(self.system, (state[: 2 * n : 2], state[1 : 2 * n : 2]), 1e-6 * self.step)
+
     def _headline(self) -> str:
         return f"{self.outcome} at t = {self.t_reached:g}, {things(self.t.size, 'state')}"
 
@@ -177,9 +222,10 @@ class Trajectory(Result):
         ]
 
     def _details(self) -> list[str]:
+        told = [] if self.reason is None else [self.reason]
         if self.error is None:
-            return []
-        return [f"step {self.step:.6g}, estimated error {self.error:.1e}"]
+            return told
+        return [*told, f"step {self.step:.6g}, estimated error {self.error:.1e}"]
 
     def numbers(self) -> dict[str, Number]:
         """Return ``max_x`` and ``rms_x``, ... over the second half, and ``outcome``."""

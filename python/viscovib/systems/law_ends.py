@@ -1,0 +1,92 @@
+"""Where a force law ends: the edge of its domain on the way of a motion."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from viscovib._native import FloatArray
+from viscovib.systems.laws import Law
+from viscovib.systems.polynomial_system import PolynomialSystem
+from viscovib.systems.structure import Structure
+
+#: What the core gives where a law has no value.
+_WALL = 1e60
+#: Places of the way that are looked at, as parts of it, and bisections between two of them.
+_PARTS = np.concatenate([[0.0], np.logspace(-9, 0, 73)])
+_BISECTIONS = 60
+
+
+def law_end(
+    system: object, at: tuple[FloatArray, FloatArray], reach: float
+) -> tuple[str, dict[str, float]] | None:
+    """Return the text of the law whose domain a motion leaves, and what it reads there.
+
+    Parameters
+    ----------
+    system
+        Of others than polynomial systems and structures no law is known.
+    at
+        Coordinates and velocities, shape (n,), of a structure deflections and their rates.
+    reach : float
+        How far the motion may go on (s).
+
+    Returns
+    -------
+    tuple or None
+        None: every law has values on the way.
+    """
+    found = []
+    for law, arguments, along in _laws(system, *at):
+        part = _end(law, arguments, reach * along)
+        if part is not None:
+            found.append((part, law, arguments + part * reach * along))
+    if not found:
+        return None
+    _, law, there = min(found, key=lambda one: one[0])
+    n_positions = len(law.arguments) - law.n_rates
+    read = [place for place in law.places if place < n_positions] or [0]
+    return law.text, {law.arguments[place]: float(there[place]) for place in read}
+
+
+def _laws(
+    system: object, q: FloatArray, v: FloatArray
+) -> Iterator[tuple[Law, FloatArray, FloatArray]]:
+    """Yield each law with its arguments and how they change."""
+    nothing = np.zeros(v.size)
+    if isinstance(system, PolynomialSystem):
+        for group in system.groups:
+            for _, law in group.laws:
+                n = len(law.arguments)
+                yield law, np.concatenate([q, v])[:n], np.concatenate([v, nothing])[:n]
+    elif isinstance(system, Structure):
+        for place in system._condensation.laws.programs:
+            d, rate = place.reads @ q, place.reads @ v
+            n = len(place.law.arguments)
+            yield (
+                place.law,
+                np.concatenate([d, rate])[:n],
+                np.concatenate([rate, np.zeros(rate.size)])[:n],
+            )
+
+
+def _end(law: Law, at: FloatArray, along: FloatArray) -> float | None:
+    """Return the first part of the way at which a law has no value, to rounding."""
+    if law.state:
+        return None
+    parts = _PARTS
+    outside = law(at + parts[:, np.newaxis] * along)[0] == _WALL
+    if not outside.any():
+        return None
+    first = int(outside.argmax())
+    if first == 0:
+        return 0.0
+    low, high = parts[first - 1], parts[first]
+    for _ in range(_BISECTIONS):
+        middle = 0.5 * (low + high)
+        if law((at + middle * along)[np.newaxis])[0][0] == _WALL:
+            high = middle
+        else:
+            low = middle
+    return float(high)

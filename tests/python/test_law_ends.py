@@ -1,0 +1,97 @@
+"""Motions that come to where a force law ends: told with the law, the place and the time."""
+
+import math
+
+import numpy as np
+import pytest
+import viscovib as vv
+from scipy.integrate import solve_ivp
+
+#: Laws of x, the sign of the side on which they end, and what they are.
+LAWS = {
+    "{k}*log(1 + x/{e})": (-1, lambda x, k, e: k * math.log(1 + x / e)),
+    "-{k}*log(1 - x/{e})": (1, lambda x, k, e: -k * math.log(1 - x / e)),
+    "{k}*sqrt(1 - x/{e}) - {k}": (1, lambda x, k, e: k * math.sqrt(1 - x / e) - k),
+    "-{k}*acos(x/{e}) + {k}*pi/2": (1, lambda x, k, e: -k * math.acos(x / e) + k * math.pi / 2),
+}
+
+
+def other_stop(force, side, edge, start, end):
+    """Return when a motion comes next to the edge, by another program; None: never."""
+
+    def right(t, y):
+        x = side * min(side * y[0], edge * (1 - 1e-12))
+        return [y[1], -y[0] - 0.02 * y[1] - force(x)]
+
+    def there(t, y):
+        return side * y[0] - edge * (1 - 1e-10)
+
+    there.terminal = True
+    run = solve_ivp(right, (0, end), start, "DOP853", events=there, rtol=1e-11, atol=1e-12)
+    return float(run.t[-1]) if run.status == 1 else None
+
+
+@pytest.mark.parametrize("text", LAWS)
+def test_a_run_tells_which_law_ends_where_and_when(text):
+    rng = np.random.default_rng(len(text))
+    side, value = LAWS[text]
+    seen = set()
+    for _ in range(5):
+        k, edge = float(rng.uniform(0.1, 0.5)), float(rng.uniform(0.5, 1.5))
+        start = [side * 0.3 * edge, side * edge * float(rng.uniform(0, 2))]
+        true = other_stop(lambda x, k=k, e=edge: value(x, k, e), side, edge, start, 8.0)
+        law = text.format(k=k, e=edge)
+        system = vv.PolynomialSystem(mass=1, stiffness=1, damping=0.02, forces=law)
+        structure = vv.Structure(
+            mass=[1], stiffness=[[1]], damping=[[0.02]], names=["x"],
+            elements=[vv.Spring(on="x", law=law.replace("x", "d"))],
+        )  # fmt: skip
+        for body, name, job in (
+            (system, "x", {"tolerance": 1e-7}),
+            (system, "x", {"dt": 0.05, "method": "verner9"}),
+            (system, "x", {"dt": 0.05, "keep": "last"}),
+            (system, "x", {"dt": 0.05, "events": "x"}),
+            (structure, "d", {"dt": 0.05}),
+        ):
+            run = vv.simulate(body, 8, initial=start, **job)
+            assert np.isfinite(run.state).all()
+            seen.add(run.outcome)
+            if true is None:
+                assert (run.outcome, run.reason) == ("completed", None)
+                continue
+            shown = law.replace("x", name)
+            told = f"the law '{shown}' has no value beyond {name} = {side * edge:.6g}, reached"
+            if body is structure and run.outcome == "step too large":
+                assert run.t_reached <= true <= run.t_reached + 2 * run.step
+                assert run.reason.startswith(told)
+                continue
+            assert run.outcome == "diverged"
+            # A law may be infinitely steep at its edge.
+            assert run.t_reached == pytest.approx(true, abs=2e-5)
+            assert run.reason == f"{told} at t = {run.t_reached:.6g}"
+            assert run.reason in repr(run)
+    assert "diverged" in seen
+
+
+def test_of_two_laws_the_one_that_ends_is_named_with_all_that_it_reads():
+    system = vv.PolynomialSystem(
+        mass=np.eye(2), stiffness=np.eye(2), names=["a", "b"],
+        forces={"a": "0.3*log(2 + a - b)", "b": "0.2*sqrt(3 - b) - 0.2*sqrt(3)"},
+    )  # fmt: skip
+    run = vv.simulate(system, 9, initial=[-0.9, 0, 0.9, 2.0], dt=0.02)
+    assert "the law '0.3*log(2 + a - b)' has no value beyond a = " in run.reason
+    last = vv.simulate(system, 9, initial=[-0.9, 0, 0.9, 2.0], dt=0.02, keep="last").state[0]
+    assert last[0] - last[2] == pytest.approx(-2, abs=1e-9)
+    assert f"a = {last[0]:.6g}, b = {last[2]:.6g}" in run.reason
+
+
+def test_other_ends_are_told_too():
+    soft = vv.PolynomialSystem(mass=1, stiffness=1, forces="-x^3 + 0.01*tanh(x)")
+    run = vv.simulate(soft, 20, initial=[1.2, 0.3])
+    assert run.reason == f"the motion runs away at t = {run.t_reached:.6g}"
+    off = vv.PolynomialSystem(mass=1, stiffness=1, forces="0.3*log(1 + x)")
+    run = vv.simulate(off, 20, initial=[-1.5, 0], dt=0.1)
+    assert run.reason == "the law '0.3*log(1 + x)' has no value at the start, x = -1.5"
+    body = vv.Pendulum(e=0.1, w2=0.4, w3=0.8)
+    run = vv.simulate(body, 20, dt=0.1, initial=(1.3, 0, 0, 0, 0, 0))
+    assert run.reason == f"the spring reaches its pivot (z = -1) at t = {run.t_reached:.6g}"
