@@ -41,11 +41,21 @@ contains
       do b = 1, size(names)
         if (.not. any(abs(laws(i)%arguments(:, b)) > 0.0_wp)) cycle
         if (len(text) > 0) text = text//','
-        text = text//' '//trim(names(b))//' = '//show(q(k, b))
+        text = text//' '//trim(names(b))//' = '//show(six_digits(q(k, b)))
       end do
       text = '; a force law has no value beyond'//text
       return
     end do
   end function told_law_end
+
+  !> As near as the place is known.
+  pure real(wp) function six_digits(x)
+    real(wp), intent(in) :: x
+    real(wp) :: unit
+    six_digits = 0.0_wp
+    if (.not. abs(x) > tiny(1.0_wp)) return
+    unit = 10.0_wp**(5 - floor(log10(abs(x))))
+    six_digits = anint(x*unit)/unit
+  end function six_digits
 
 end module viscovib_law_end

@@ -178,7 +178,7 @@ class Trajectory(Result):
         >>> import viscovib as vv
         >>> system = vv.PolynomialSystem(mass=1, stiffness=1, forces="0.3*log(1 + x)")
         >>> vv.simulate(system, 20, initial=[1.5, 0]).reason
-        "the law '0.3*log(1 + x)' has no value beyond x = -1, reached at t = 2.13427"
+        "the law '0.3*log(1 + x)' has no value beyond x = -1, reached at t = 2.11777"
         """
         when = f"at t = {self.t_reached:.6g}"
         if self.complete:
