@@ -23,7 +23,8 @@ module viscovib_cycle_terms
   implicit none
   private
 
-  public :: cycle_term, cycles_of, find_blocks, find_parts, has_kinks, has_states, law_of
+  public :: cycle_term, cycles_of, find_blocks, find_parts, has_kinks, has_states, law_of, &
+            most_samples
 
   !> Part that the highest harmonics of the samples may have: what is folded back onto the orders
   !! kept is at least as many times smaller again.
@@ -146,6 +147,18 @@ contains
       end do
     end select
   end function has_kinks
+
+  !> Samples of a period that laws were known by at the last motion, at most; 0: none was sampled.
+  pure integer function most_samples(cycles, half_wave)
+    type(cycle_term), intent(in) :: cycles(:)
+    logical, intent(in) :: half_wave
+    integer :: i
+    most_samples = 0
+    do i = 1, size(cycles)
+      if (cycles(i)%sampled) most_samples = max(most_samples, cycles(i)%levels(cycles(i)%level)%n)
+    end do
+    if (half_wave) most_samples = 2*most_samples
+  end function most_samples
 
   !> The law of a term.
   function law_of(one, system) result(law)

@@ -12,7 +12,8 @@
 !! between the same two tables.
 module viscovib_harmonic_balance
   use viscovib_counters, only: count_unknowns, count_up, counted_loads, counting
-  use viscovib_cycle_terms, only: cycle_term, cycles_of, find_blocks, find_parts, has_kinks, law_of
+  use viscovib_cycle_terms, only: cycle_term, cycles_of, find_blocks, find_parts, has_kinks, &
+    law_of, most_samples
   use viscovib_harmonic_set, only: harmonic_set_type
   use viscovib_kinds, only: wp
   use viscovib_load, only: load_type
@@ -64,6 +65,7 @@ module viscovib_harmonic_balance
   contains
     procedure :: set_frequency
     procedure :: residual
+    procedure :: samples_taken
     procedure :: derivatives
     procedure :: load_derivative
     procedure :: frequency_derivative
@@ -156,6 +158,16 @@ contains
       end do
     end do
   end subroutine set_frequency
+
+  !> Samples of a period from which the last motion's forces are known, at most.
+  pure integer function samples_taken(self)
+    class(balance_type), intent(in) :: self
+    samples_taken = self%set%n_samples
+    if (self%set%half_wave) samples_taken = 2*samples_taken
+    if (size(self%cycles) > 0) then
+      samples_taken = max(samples_taken, most_samples(self%cycles, self%set%half_wave))
+    end if
+  end function samples_taken
 
   !> R at the harmonics x.
   subroutine residual(self, system, x, r)

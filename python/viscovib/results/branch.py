@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -19,6 +20,7 @@ from viscovib.common.tables import Table, listed_units
 from viscovib.errors import InputError
 from viscovib.results.curves import BranchPoint, Crossing, Curve, branch_notes
 from viscovib.results.dissipation import Parts
+from viscovib.results.sampling import sampling_errors, told_sampling
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -151,6 +153,14 @@ class Branch(PeriodicMotions, Curve):
     def _orders(self) -> npt.NDArray[np.int32]:
         return self.harmonics
 
+    def _scope(self) -> list[str]:
+        *lines, last = super()._scope()
+        worst = np.nanmax(self.truncation, initial=0.0)
+        return [
+            *lines,
+            f"{last}; estimated error of those left out {worst:.1e}{told_sampling(self)}",
+        ]
+
     def _lacking(self) -> str:
         short = int((self.truncation > self._allowed).sum())
         return f", {things(short, 'point')} with too few harmonics" if short else ""
@@ -182,6 +192,16 @@ class Branch(PeriodicMotions, Curve):
         )  # fmt: skip
         return (at, size) if found else None
 
+    @cached_property
+    def sampling(self) -> FloatArray:
+        """Estimated relative error of each point by the samples of its forces; see `Response`."""
+        return sampling_errors(self, self._job, self.parameter, self._relative(self.load_factor))
+
+    def _relative(self, factors: FloatArray) -> ComplexArray:
+        """Motions relative to the base, of the coordinates that the core computes."""
+        assert self._parts is not None
+        return self._parts.relative(self.harmonics, self.coefficients, factors)
+
     def dissipation(self) -> FloatArray:
         """As of `Response`; of a branch over the frequency or the load."""
         self._check_loses()
@@ -211,6 +231,7 @@ class Branch(PeriodicMotions, Curve):
             "coefficients": (("point", "dof", "harmonic"), self.coefficients),
             "highest": ("point", self.highest),
             "truncation": ("point", self.truncation),
+            "sampling": ("point", self.sampling),
             "error": ("point", self.error),
         }
         if self.stable is not None and self.multipliers is not None:

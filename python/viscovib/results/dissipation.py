@@ -31,6 +31,16 @@ class Parts:
     orders: Any
     base: ComplexArray
 
+    def relative(self, orders: Any, x: ComplexArray, factors: FloatArray) -> ComplexArray:
+        """Harmonics relative to the base, shape (n, n_dof, m)."""
+        direction = self.system._base_direction
+        if direction is None or not np.any(self.base):
+            return x
+        y = x.copy()
+        for order, wave in zip(self.orders, self.base, strict=True):
+            y[:, :, orders == order] -= np.outer(factors, direction * wave)[:, :, np.newaxis]
+        return y
+
     def dissipated(
         self, nu: FloatArray, orders: Any, x: ComplexArray, factors: FloatArray, *, linear: bool
     ) -> FloatArray:
@@ -44,12 +54,7 @@ class Parts:
                 "dissipation: is of a PolynomialSystem, a Structure, or a Body with geometry = "
                 f"'small', this is of {type(system).__name__}"
             )
-        y = x
-        direction = system._base_direction
-        if direction is not None and np.any(self.base):
-            y = x.copy()
-            for order, wave in zip(self.orders, self.base, strict=True):
-                y[:, :, orders == order] -= np.outer(factors, direction * wave)[:, :, np.newaxis]
+        y = self.relative(orders, x, factors)
         lost = np.full((nu.size, 1 + len(system.groups)), np.nan)
         damping = np.asarray(system.damping, dtype=float)
         for i in np.flatnonzero(np.isfinite(y).all(axis=(1, 2))):

@@ -21,6 +21,7 @@ from viscovib.common.tables import Table
 from viscovib.errors import InputError
 from viscovib.results.dissipation import Parts
 from viscovib.results.extrapolation import check_orders, extrapolated
+from viscovib.results.sampling import sampling_errors, told_sampling
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -231,6 +232,37 @@ class Response(PeriodicMotions, Result):
         )  # fmt: skip
         return room.reshape(nu.size, n_dof, self.harmonics.size)
 
+    @cached_property
+    def sampling(self) -> FloatArray:
+        """Estimated relative error of each motion by the samples of its forces, shape (n,).
+
+        Forces that are no polynomials are known from samples of a period, twice as many until
+        they tell their harmonics to 1e-7, or are integrated between the places where they switch.
+        What aliases, or a switch missed, is seen with four times the samples: their residual at
+        the motion, by the derivatives of the equations, is a change of the motion; twice that, in
+        the norm of ``tolerance``. Orders left out are another error, ``truncation``. 0 for
+        polynomial forces, which have samples enough, and for linear motions; NaN where it is not
+        known or no motion was found. Computed when first asked for, as long as a step of Newton's
+        method takes for each motion.
+
+        Examples
+        --------
+        >>> import viscovib as vv
+        >>> friction = vv.PolynomialSystem(mass=1, stiffness=1, forces="0.1*tanh(x_dot/0.1)")
+        >>> r = vv.forced_response(friction, [0.8], load=0.3, method="newton", harmonics=15)
+        >>> bool(r.sampling[0] < 1e-9 < r.truncation[0])
+        True
+        """
+        if self.method == "linear":
+            return np.where(self.converged, 0.0, np.nan)
+        job = (*self._job, 1, np.zeros(len(self._job[0])), self.nu[0])
+        return sampling_errors(self, job, self.nu, self._relative(np.ones(self.nu.size)))
+
+    def _relative(self, factors: FloatArray) -> ComplexArray:
+        """Motions relative to the base, of the coordinates that the core computes."""
+        assert self._parts is not None
+        return self._parts.relative(self.harmonics, self.coefficients, factors)
+
     def dissipation(self) -> FloatArray:
         """Energy that parts take from each motion in a period (J), shape (n, 1 + n_groups).
 
@@ -333,7 +365,7 @@ class Response(PeriodicMotions, Result):
         return [
             f"nu: {span(self.nu, 'rad/s')}; {named(self.dof_names, self.dof_units)}",
             f"method {self.method}, orders up to {self.highest.max(initial=0)}, estimated error "
-            f"of those left out {worst:.1e}",
+            f"of those left out {worst:.1e}{told_sampling(self)}",
         ]
 
     def _details(self) -> list[str]:
@@ -377,6 +409,7 @@ class Response(PeriodicMotions, Result):
                 "rate": ("nu", self.rate),
                 "highest": ("nu", self.highest, {"long_name": "highest order kept"}),
                 "truncation": ("nu", self.truncation),
+                "sampling": ("nu", self.sampling),
             },
             coords={
                 "nu": ("nu", self.nu, {"units": "rad/s", "long_name": "circular frequency"}),

@@ -68,6 +68,10 @@ class _OfStructure:
     def _warn_of_reduction(self) -> None:
         _warn_of_reduction(self)
 
+    def _relative(self, _: FloatArray) -> ComplexArray:
+        """Motions relative to the base, of the coordinates that the core computes."""
+        return self._condensed
+
     def _whole(self) -> ComplexArray:
         """X_k of all coordinates."""
         view = _known(self._view)

@@ -1,0 +1,43 @@
+"""Errors of periodic motions by the samples of their forces."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from viscovib import _native
+from viscovib._native import ComplexArray, FloatArray, core
+
+#: Multiplications up to which a summary has them.
+_QUICK = 3e8
+
+
+def sampling_errors(
+    result: Any, job: tuple[Any, ...], p: FloatArray, y: ComplexArray
+) -> FloatArray:
+    """Return those of a response or branch, shape (n,); NaN where they are not known.
+
+    ``job``: system, load and what varies, as the core takes them; ``p``: its values; ``y``: motions
+    relative to the base, shape (n, n_dof, m).
+    """
+    used = np.searchsorted(result.harmonics, result.highest, side="right").astype(np.intc)
+    used[~np.isfinite(y).all(axis=(1, 2)) | (result.highest <= 0)] = 0
+    cancel = np.zeros(1, dtype=np.intc)
+    (errors,) = _native.call_interruptibly(
+        core.sampling_errors, cancel, *job, result.harmonics, p, np.asfortranarray(y.T), used,
+        cancel,
+    )  # fmt: skip
+    return np.where(errors < 0, np.nan, errors)
+
+
+def told_sampling(result: Any) -> str:
+    """What a summary says of them: nothing where they are 0, or would take long."""
+    n, d = result.highest.size, len(result.dof_names)
+    if (
+        getattr(result, "method", "") == "linear"
+        or n * (2.0 * d * result.harmonics.size) ** 3 > _QUICK
+    ):
+        return ""
+    worst = np.nanmax(result.sampling, initial=0.0)
+    return f", of samples {worst:.1e}" if worst > 0 else ""

@@ -1,0 +1,140 @@
+"""Errors by the samples of forces: against the same orders with forces integrated otherwise."""
+
+import numpy as np
+import pytest
+import viscovib as vv
+
+#: Laws of x and v, as texts and by NumPy, and between which values of x and v they switch; smooth,
+#: steep, with kinks, with jumps, and with a power that no sample shows to be none.
+LAWS = {
+    "sin": ("0.5*sin(2*x)", lambda x, v: 0.5 * np.sin(2 * x), None),
+    "tanh": ("0.2*tanh(v/0.2)", lambda x, v: 0.2 * np.tanh(v / 0.2), None),
+    "steep": ("0.2*tanh(v/0.03)", lambda x, v: 0.2 * np.tanh(v / 0.03), None),
+    "root": ("0.5*x*sqrt(x^2 + 0.01)", lambda x, v: 0.5 * x * np.sqrt(x**2 + 0.01), None),
+    "exp": ("0.1*(exp(2*x) - 1)", lambda x, v: 0.1 * (np.exp(2 * x) - 1), None),
+    "power": ("0.4*pow(x^2, 1.25)", lambda x, v: 0.4 * (x**2) ** 1.25, lambda x, v: x),
+    "quadratic": ("0.3*v*abs(v)", lambda x, v: 0.3 * v * abs(v), lambda x, v: v),
+    "gap": ("5*max(x - 0.2, 0)", lambda x, v: 5 * np.maximum(x - 0.2, 0), lambda x, v: x - 0.2),
+    "friction": ("0.1*sign(v)", lambda x, v: 0.1 * np.sign(v), lambda x, v: v),
+    "steps": ("0.2*where(x > 0.1, v, 0)", lambda x, v: 0.2 * v * (x > 0.1), lambda x, v: x - 0.1),
+}
+
+
+def _parts(law, switch, nu, k, x):
+    """Harmonics of a force, by Gauss's rule of many intervals that end where the law switches."""
+
+    def motion(theta):
+        waves = np.exp(1j * np.outer(theta, k))
+        return (waves @ x).imag, (waves @ (1j * k * nu * x)).imag
+
+    ends = np.linspace(0, 2 * np.pi, 129)
+    if switch is not None:
+        at = np.linspace(0, 2 * np.pi, 200001)
+        sides = switch(*motion(at)) > 0
+        places = np.flatnonzero(sides[1:] != sides[:-1])
+        low, high = at[places], at[places + 1]
+        for _ in range(60):
+            middle = 0.5 * (low + high)
+            same = (switch(*motion(middle)) > 0) == sides[places]
+            low, high = np.where(same, middle, low), np.where(same, high, middle)
+        # Powers are no polynomials beside their switch: intervals shrink towards it.
+        near = np.geomspace(1e-9, 0.02, 30)
+        beside = [low + s for s in (*near, *-near)]
+        ends = np.unique(np.concatenate([ends, low, *beside]))
+        ends = ends[(ends >= 0) & (ends <= 2 * np.pi)]
+    nodes, weights = np.polynomial.legendre.leggauss(40)
+    half = 0.5 * np.diff(ends)[:, np.newaxis]
+    theta = (ends[:-1, np.newaxis] + half * (1 + nodes)).ravel()
+    f = law(*motion(theta)) * (half * weights).ravel()
+    return 1j / np.pi * np.exp(-1j * np.outer(k, theta)) @ f * np.where(k == 0, 0.5, 1)
+
+
+def _true_error(law, switch, nu, load, r):
+    """The change that makes the motion one of the forces as they are, by Newton's method."""
+    k, x = r.harmonics[r.harmonics <= r.highest[0]], r.coefficients[0, 0]
+    x = x[: k.size]
+
+    def unknowns(z):
+        return np.concatenate([z.real[k > 0], z.imag])
+
+    def back(u):
+        z = np.zeros(k.size, dtype=complex)
+        z[k > 0] = u[: (k > 0).sum()]
+        return z + 1j * u[(k > 0).sum() :]
+
+    def residual(u):
+        z = back(u)
+        linear = (1 - (k * nu) ** 2 + 0.05j * k * nu) * z
+        return unknowns(linear + _parts(law, switch, nu, k, z) - load * (k == 1))
+
+    u = unknowns(x)
+    h = 1e-6 * np.abs(x).max()
+    jacobian = np.stack(
+        [(residual(u + h * e) - residual(u - h * e)) / (2 * h) for e in np.eye(u.size)], axis=1
+    )
+    size = np.abs(x.real) + np.abs(x.imag)
+    step = back(np.linalg.solve(jacobian, residual(u)))
+    return (np.abs(step.real) + np.abs(step.imag)).max() / size.max()
+
+
+@pytest.mark.filterwarnings("ignore::viscovib.ConvergenceWarning")
+@pytest.mark.parametrize("name", LAWS)
+@pytest.mark.parametrize("harmonics", [5, 13])
+def test_true_error_is_covered(name, harmonics):
+    text, law, switch = LAWS[name]
+    text = text.replace("v", "x_dot")
+    system = vv.PolynomialSystem(mass=1, stiffness=1, damping=0.05, forces=text)
+    r = vv.forced_response(
+        system, [0.8], load=0.5, method="newton", harmonics=harmonics, tolerance=1e-13
+    )
+    true, told = _true_error(law, switch, 0.8, 0.5, r), float(r.sampling[0])
+    # What Newton's method and rounding leave.
+    rounding = 3e-13
+    assert true <= told + rounding
+    assert told <= 10 * true + rounding
+    assert told <= r.truncation[0] or told < rounding
+
+
+@pytest.mark.filterwarnings("ignore::viscovib.ConvergenceWarning")
+def test_samples_that_are_too_few_are_seen():
+    """A power of x^2 hides its corner: what its samples lack is told wherever the result is."""
+    system = vv.PolynomialSystem(mass=1, stiffness=1, damping=0.05, forces="0.4*pow(x^2, 0.6)*x")
+    r = vv.forced_response(system, [0.8, 1.3], load=0.5, method="newton", harmonics=9)
+    assert r.sampling.shape == (2,)
+    assert (r.sampling > 1e-12).all()
+    assert f"of samples {r.sampling.max():.1e}" in repr(r)
+    assert (r.to_dataset()["sampling"].values == r.sampling).all()
+    branch = vv.trace_response(
+        system, load_range=(0.2, 0.5), nu=0.8, load=1, harmonics=9, stability=False
+    )
+    assert "of samples" in repr(branch)
+    assert 0.1 < branch.sampling[-1] / r.sampling[0] < 10
+    assert (branch.to_dataset()["sampling"].values == branch.sampling).all()
+
+
+def test_polynomials_and_linear_motions_have_samples_enough():
+    system = vv.PolynomialSystem(mass=1, stiffness=1, damping=0.05, forces="x^3")
+    laws = vv.PolynomialSystem(mass=1, stiffness=1, damping=0.05, forces="0.1*sin(x)")
+    for one, method in ((system, "newton"), (system, "successive"), (laws, "linear")):
+        r = vv.forced_response(one, [0.5, 1.5], load=0.02, method=method)
+        assert (r.sampling == 0).all()
+        assert "of samples" not in repr(r)
+
+
+@pytest.mark.filterwarnings("ignore::viscovib.ConvergenceWarning")
+def test_structures_and_bases_that_move():
+    """The same motion as a system and as a structure, on a base that moves."""
+    law = "0.4*pow({0}^2, 0.6)*{0}"
+    one = vv.PolynomialSystem(
+        mass=1, stiffness=1, damping=0.05, forces=law.format("x"), base_direction=[1]
+    )
+    other = vv.Structure(
+        mass=[[1.0]], stiffness=[[1.0]], damping=[[0.05]], base_direction=[1],
+        elements=[vv.Spring(on="x1", law=law.format("d"))],
+    )  # fmt: skip
+    found = [
+        vv.forced_response(s, [0.8], base=0.3, method="newton", harmonics=9).sampling
+        for s in (one, other)
+    ]
+    assert found[0] == pytest.approx(found[1], rel=1e-2)
+    assert (found[0] > 1e-12).all()
