@@ -203,3 +203,25 @@ def test_a_mount_has_no_such_parts():
     r = vv.forced_response(mount, [1.0], load=0.1)
     with pytest.raises(vv.InputError, match=r"is of a PolynomialSystem.*this is of Mount"):
         r.dissipation()
+
+
+def test_a_body_on_a_base_that_tilts_loses_what_it_is_fed():
+    """A base with an amplitude and a phase for each coordinate."""
+    mounts = [
+        vv.MountPoint(
+            name=name, position=place, stiffness=[1e4, 1e4, 2e4], damping=[20, 20, 30],
+            law=["0", "0", "1e8*d^3"], kernel=vv.PronyKernel(weights=[0.2], rates=[15.0]),
+        )
+        for name, place in (("a", [0.1, 0.2, 0]), ("b", [-0.1, 0.1, 0]), ("c", [0, -0.2, 0.1]))
+    ]  # fmt: skip
+    body = vv.Body(mass=10, inertia=[0.3, 0.2, 0.4], mounts=mounts)
+    moved = np.array([0, 0, 1e-3, 2e-3j, 1e-3, 0])
+    load = np.array([0, 0, 50, 0, 1, 0])
+    r = vv.forced_response(body, [30.0], load=load, base=moved, method="newton", harmonics=9)
+    k = r.harmonics
+    base = np.outer(moved, k == 1)
+    y = r.coefficients[0] - base
+    push = np.outer(load, k == 1) + (k * 30.0) ** 2 * (np.asarray(body.mass) @ base)
+    fed = np.pi * (k * (push * y.conj()).imag.sum(axis=0)).sum()
+    assert r.dissipation().sum() == pytest.approx(fed, rel=1e-8)
+    assert (r.sampling == 0).all()

@@ -336,7 +336,7 @@ def _branch(
         _job=job,
         _tolerance=tolerance,
         _allowed=allowed,
-        _parts=Parts(system, shown.job[-2], shown.job[-1][-1]),
+        _parts=Parts(system, shown.job[-2], shown.job[-1]),
     )
     worst = int(branch.truncation.argmax())
     _warn_above(

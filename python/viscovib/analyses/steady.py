@@ -103,7 +103,7 @@ def mount_response(
         "_job": job,
         "_tolerance": float(options[2][0]),
         "_allowed": _joined(parts, 10),
-        "_parts": Parts(system, job[-2], job[-1][-1]),
+        "_parts": Parts(system, job[-2], job[-1]),
     }
     if stability:
         given |= _stability_of(parts, _joined(parts, 1) == 0)

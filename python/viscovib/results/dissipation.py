@@ -11,6 +11,7 @@ from viscovib._native import ComplexArray, FloatArray, core
 from viscovib.errors import InputError
 from viscovib.results.structure_view import View
 from viscovib.systems.laws import Law
+from viscovib.systems.load import base_shifts
 from viscovib.systems.polynomial_system import PolynomialSystem
 from viscovib.systems.spring_groups import SpringGroup
 
@@ -24,21 +25,21 @@ _DEPENDENT = 1e-9
 class Parts:
     """A system, and how its base moves: what of it takes energy from its motions.
 
-    ``orders``, ``base``: harmonics of the base motion for a load factor of 1.
+    ``orders``, ``series``: of load and base for a load factor of 1, as the core takes them.
     """
 
     system: Any
     orders: Any
-    base: ComplexArray
+    series: ComplexArray
 
     def relative(self, orders: Any, x: ComplexArray, factors: FloatArray) -> ComplexArray:
         """Harmonics relative to the base, shape (n, n_dof, m)."""
-        direction = self.system._base_direction
-        if direction is None or not np.any(self.base):
+        shifts = base_shifts(self.orders, self.series, self.system._base_direction)
+        if not shifts:
             return x
         y = x.copy()
-        for order, wave in zip(self.orders, self.base, strict=True):
-            y[:, :, orders == order] -= np.outer(factors, direction * wave)[:, :, np.newaxis]
+        for order, moved in shifts:
+            y[:, :, orders == order] -= np.outer(factors, moved)[:, :, np.newaxis]
         return y
 
     def dissipated(
