@@ -46,7 +46,8 @@ module viscovib_motion_stability
 
   !> Of n solutions.
   type :: stability_type
-    !> 1: stable, 0: not, -1: unknown, -2: unknown by truncation; how many disturbances grow, -1: unknown. Shape (n).
+    !> 1: stable, 0: not, -1: unknown, -2: unknown by truncation; how many disturbances grow,
+    !! -1: unknown. Shape (n).
     integer, allocatable :: stable(:), n_growing(:)
     !> Whether none decays more slowly than the first exponent. Shape (n).
     logical, allocatable :: slowest(:)

@@ -35,8 +35,8 @@ contains
   subroutine doubt_motions(judge, system, nu, x, truncation, allowed, stability, cancel)
     type(judge_type), intent(inout) :: judge
     class(oscillator_type), intent(in) :: system
-    !> Frequencies (rad/s); harmonics, shape (2 n_orders, n_dof, n); relative truncation of each, and
-    !! what was allowed: where that is met, nothing is doubted.
+    !> Frequencies (rad/s); harmonics, shape (2 n_orders, n_dof, n); truncation of each, and what
+    !! was allowed (relative): where that is met, nothing is doubted.
     real(wp), intent(in) :: nu(:), x(:, :, :), truncation(:), allowed(:)
     type(stability_type), intent(inout) :: stability
     !> May be set from elsewhere to give up.
