@@ -227,3 +227,27 @@ def test_a_basis_holds_nothing_twice(seed):
         true = vv.forced_response(dense, nu, coordinates=every, **asked)
         off = np.abs(r.coefficients - true.coefficients).max()
         assert off < 3e-3 * np.abs(true.coefficients).max()
+
+
+@pytest.mark.parametrize("mass", [[1.0, 1.0, 1.0], [1.0, 0.0, 1.0], [1.0, 1.0, 0.0]])
+@pytest.mark.parametrize("method", ["modes", "craig-bampton"])
+@pytest.mark.parametrize("loads", [["x3"], ["x2", "x3"], [[1, 0.5, 0.2]]])
+def test_elements_and_loads_may_touch_everything(mass, method, loads):
+    """Also where nothing, or nothing with mass, is left between the coordinates held."""
+    stiffness = np.diag([2.0, 2, 2]) - np.diag([1.0, 1], 1) - np.diag([1.0, 1], -1)
+    whole = vv.Structure(
+        mass=mass, stiffness=stiffness, damping=[0.1, 0, 0],
+        elements=[vv.Spring(on="x1", law="0.5*d^3")],
+    )  # fmt: skip
+    small = whole.reduce(frequency=8.0, loads=loads, method=method)
+    load = np.zeros(3)
+    for one in loads:
+        load += one if not isinstance(one, str) else np.eye(3)[int(one[1]) - 1]
+    found, true = (
+        vv.forced_response(
+            s, [0.7, 1.3], load=0.3 * load, method="newton", harmonics=5,
+            coordinates=["x1", "x2", "x3"],
+        ).coefficients
+        for s in (small, whole)
+    )  # fmt: skip
+    assert found == pytest.approx(true, abs=1e-10)

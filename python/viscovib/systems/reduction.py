@@ -204,6 +204,9 @@ def reduce_model(
     top = float(frequency)
     pencil: Any
     shift = -((_SHIFT * top) ** 2)
+    if boundary is not None and not np.delete(model.mass.diagonal(), boundary).any():
+        # Nothing that vibrates is left between those held: all modes are the same space.
+        boundary = None
     if boundary is None:
         pencil = Pencil(model.mass, model.at_rest, shift)
     else:
