@@ -47,7 +47,7 @@ with tempfile.TemporaryDirectory() as folder:
 def swing(phi, psi):
     states = np.zeros((phi.size, 6))
     states[:, 2], states[:, 4] = phi, psi
-    return vv.simulate_ensemble(pend, initial=states, t_end=2, dt=0.5, n_threads=1).state
+    return vv.simulate_ensemble(pend, initial=states, t_end=0.5, dt=0.5, n_threads=1).state
 with tempfile.TemporaryDirectory() as folder:
     vv.sweep(swing, {"phi": np.linspace(-1, 1, n), "psi": np.linspace(-1, 1, 512)},
              checkpoint=folder + "/c", vectorized=True, chunk=1024, n_threads=2, progress=False)
@@ -59,7 +59,7 @@ LENGTHS = {
     "tail": (40_000, 400_000),
     "thinned": (40_000, 400_000),
     "ensemble": (20_000, 200_000),
-    "sweep on disk": (20, 140),
+    "sweep on disk": (20, 100),
     "ensembles in chunks": (20, 200),
 }
 #: What the allocator may add, far below what the longer job would add if it kept its states.
