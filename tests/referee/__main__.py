@@ -1,10 +1,12 @@
 """Judge random systems, loads and settings over every public method.
 
-    python -m referee [--minutes N] [--seed S] [--only FAMILY ...] [--self-test] [--out DIR]
+    python -m referee [--minutes N] [--systems N] [--seed S] [--only FAMILY ...]
+                      [--self-test] [--out DIR]
 
 A line a family: systems, claims, refusals, failures, the worst ratio of the true error to the
 one admitted. Every failure is printed as the Python call that shows it again, and written to
-out/referee/failures.py. --self-test injects an error into every claim and asks that it is found.
+out/referee/failures.py. --systems ends each family after so many, so that the same are judged
+whatever the machine's speed, as long as --minutes suffice. --self-test injects an error into every claim and asks that it is found.
 """
 
 import argparse
@@ -28,6 +30,7 @@ def main() -> int:
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("--minutes", type=float, default=10.0)
+    parser.add_argument("--systems", type=int, default=10**9, help="of a family at most")
     parser.add_argument("--seed", type=int, default=None, help="default: the time of day")
     parser.add_argument("--only", nargs="+", choices=FAMILIES, default=FAMILIES, metavar="FAMILY")
     parser.add_argument("--self-test", action="store_true")
@@ -41,7 +44,7 @@ def main() -> int:
     print(f"seed {seed}, {share:.0f} s a family", flush=True)
 
     def one(family: str) -> Verdict:
-        verdict = run_family(family, seed, share, least)
+        verdict = run_family(family, seed, share, least, given.systems)
         print(line(verdict), flush=True)
         return verdict
 
