@@ -4,6 +4,9 @@
 !!
 !!   s' = A_0 s - B S(t) (Y s, Y A_0 s) - B w z,   z_j' = g_z v z_j + g (d/dt)(e . Y s),
 !!
+!! Of a sum of exponentials each is a state too: a variable w that remembers acts as
+!! w - sum_l weight_l m_l, m_l' = w - rate_l m_l.
+!!
 !! S being the derivatives of the laws along the motion and z the states of elements with
 !! hysteresis. All of it is smooth between the phases at which a law changes its branch. There a
 !! continuous law lets a disturbance through unchanged; a slider that begins to slide forgets it,
@@ -26,6 +29,7 @@ module viscovib_kinked_motion
   use viscovib_phase_panels, only: wave_sum
   use viscovib_phase_roots, only: phase_list
   use viscovib_polynomial, only: polynomial_type
+  use viscovib_prony, only: prony_kernel
   use viscovib_structure, only: structure_type
   implicit none
   private
@@ -36,6 +40,8 @@ module viscovib_kinked_motion
   type :: linear_rest
     !> A_0 (n, n), B (n, n_dof), Y and Y A_0 (n_dof, n).
     real(wp), allocatable :: a(:, :), b(:, :), y(:, :), rate(:, :)
+    !> Which variable each state of memory, the last of s, remembers.
+    integer, allocatable :: remembers(:)
     !> Of the fastest mode (rad/s), by which rates are divided among the states.
     real(wp) :: fastest = 0.0_wp
   end type linear_rest
@@ -59,17 +65,39 @@ module viscovib_kinked_motion
 
 contains
 
-  !> Whether a system is judged so: laws with kinks, jumps or states, no memory.
+  !> Whether a system is judged so: laws with kinks, jumps or states, without memory; states beside
+  !! sums of exponentials that fade.
   logical function is_kinked(system)
     class(oscillator_type), intent(in) :: system
 
     is_kinked = .false.
-    if (any(system%kernel_of > 0) .or. system%moving .or. .not. has_kinks(system)) return
+    if (system%moving .or. .not. has_kinks(system)) return
     select type (system)
     class is (polynomial_type)
-      is_kinked = .true.
+      is_kinked = .not. any(system%kernel_of > 0)
+      if (is_kinked .or. .not. any(system%laws%state > 0)) return
+      is_kinked = fade(system)
     end select
   end function is_kinked
+
+  !> Whether all memory is that of exponentials that fade.
+  logical function fade(system)
+    class(oscillator_type), intent(in) :: system
+    integer :: j
+
+    fade = .true.
+    do j = 1, size(system%kernel_of)
+      if (system%kernel_of(j) == 0) cycle
+      associate (kernel => system%kernels(system%kernel_of(j))%kernel)
+        select type (kernel)
+        type is (prony_kernel)
+          fade = fade .and. all(kernel%rates > 0.0_wp)
+        class default
+          fade = .false.
+        end select
+      end associate
+    end do
+  end function fade
 
   !> As a system of first order; not found where its modes are no real ones of a few.
   subroutine new_rest(rest, system, found)
@@ -123,7 +151,53 @@ contains
     rest%b(m + 1:, :) = spread/rest%fastest
     rest%y(:, :m) = seen
     rest%rate(:, m + 1:) = seen*rest%fastest
+    call add_memory(rest, system, found)
   end subroutine new_rest
+
+  !> Exponentials as states behind the others.
+  subroutine add_memory(rest, system, found)
+    type(linear_rest), intent(inout) :: rest
+    class(oscillator_type), intent(in) :: system
+    !> Not where they are too many.
+    logical, intent(inout) :: found
+    real(wp), allocatable :: weights(:), rates(:), all_weights(:), all_rates(:), a(:, :)
+    integer :: i, j, n, m
+
+    allocate (rest%remembers(0), all_weights(0), all_rates(0))
+    do j = 1, size(system%kernel_of)
+      if (system%kernel_of(j) == 0) cycle
+      call system%kernels(system%kernel_of(j))%exponentials(1.0_wp, 1.0_wp, 1.0_wp, weights, rates)
+      rest%remembers = [rest%remembers, spread(j, 1, size(rates))]
+      all_weights = [all_weights, weights]
+      all_rates = [all_rates, rates]
+    end do
+    n = size(rest%a, 1)
+    m = size(all_rates)
+    found = n + m <= most_states
+    if (m == 0 .or. .not. found) return
+    allocate (a(n + m, n + m), source=0.0_wp)
+    a(:n, :n) = rest%a
+    do i = 1, m
+      associate (remembered => rest%remembers(i))
+        a(:n, n + i) = all_weights(i)*matmul(rest%b, system%spread(:, remembered))
+        a(n + i, :n) = matmul(system%gather(remembered, :), rest%y)
+        a(n + i, n + i) = -all_rates(i)
+      end associate
+    end do
+    call move_alloc(a, rest%a)
+    rest%b = transpose(wider(transpose(rest%b), m))
+    rest%y = wider(rest%y, m)
+    rest%rate = wider(rest%rate, m)
+  end subroutine add_memory
+
+  !> With further columns of 0.
+  pure function wider(columns, more) result(whole)
+    real(wp), intent(in) :: columns(:, :)
+    integer, intent(in) :: more
+    real(wp), allocatable :: whole(:, :)
+    allocate (whole(size(columns, 1), size(columns, 2) + more), source=0.0_wp)
+    whole(:, :size(columns, 2)) = columns
+  end function wider
 
   !> Elements along a motion, and all phases at which something changes its branch.
   subroutine prepare_elements(system, set, x, mu, elements, breaks)

@@ -1,5 +1,5 @@
-!> Floquet multipliers of motions with laws that kink or jump and elements with states, without
-!! memory.
+!> Floquet multipliers of motions with laws that kink or jump and elements with states, the latter
+!! beside sums of exponentials too.
 !!
 !! Disturbances (`viscovib_kinked_motion`) are integrated from one phase at which a law changes its
 !! branch to the next, over pieces on which the equation Y' = A(t) Y is solved at the sixteen points
@@ -55,7 +55,7 @@ contains
     call new_rest(rest, system, found)
     if (.not. found) return
     if (jumps) call find_jumps(system, set, x, set%orders*nu, maps, known, rest)
-    found = known
+    found = known .and. .not. (jumps .and. size(rest%remembers) > 0)
     if (.not. found) return
     call prepare_elements(system, set, x, set%orders*nu, elements, breaks)
     n = size(rest%a, 1)
@@ -251,6 +251,14 @@ contains
           do j = 1, n
             a(:n, j, i) = a(:n, j, i) - by_rate*rest%rate(system%rates(b), j)
           end do
+        end associate
+      end do
+      do j = 1, size(rest%remembers)
+        associate (row => a(n - size(rest%remembers) + j, :n, i), &
+                   by => slopes(i, rest%remembers(j), :))
+          row = row + matmul(by(:size(x, 2)), rest%y)
+          if (system%n_rates() > 0) row = row + matmul(by(size(x, 2) + 1:), &
+                                                       rest%rate(system%rates, :))
         end associate
       end do
     end do

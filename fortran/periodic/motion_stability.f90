@@ -351,7 +351,7 @@ contains
     if (present(beside)) near = beside
     do i = 1, size(nu)
       if (given_up(cancel)) return
-      if (ieee_is_nan(x(1, 1, i)) .or. jumps(i)) cycle
+      if (ieee_is_nan(x(1, 1, i)) .or. stability%n_growing(i) >= 0 .or. jumps(i)) cycle
       ! Those at i d/2 stay there.
       where (abs(aimag(near) - 0.5_wp*period) <= 0.0_wp)
         near = cmplx(real(near), 0.5_wp*merge(2, 1, self%half_wave)*nu(i), wp)
