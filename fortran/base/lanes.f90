@@ -16,6 +16,8 @@ module viscovib_lanes
   !> Coordinates there is room for in time integration; they are taken three at
   !! a time, so that their sums stay in registers.
   integer, parameter, public :: max_dof = 6
+  !> Coordinates of a system of which all derivatives are asked for at once, at most.
+  integer, parameter, public :: most_sloped = 2
 
 contains
 

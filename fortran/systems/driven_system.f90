@@ -30,6 +30,8 @@ module viscovib_driven_system
     !> Surfaces on which the equations have kinks or jumps: where a signal changes its sign. Not
     !! allocated: none.
     type(signal_type), allocatable :: signals(:)
+    !> Whether `linearise` is there and worth its while.
+    logical :: sloped = .false.
     !> Length of the steps of a run.
     real(wp) :: step_length = 0.0_wp
     !> On which side of each the motion is when a run begins again, and which it is on; not
@@ -38,6 +40,7 @@ module viscovib_driven_system
     logical, allocatable :: fresh(:)
   contains
     procedure :: settle
+    procedure :: linearise
     procedure(acceleration_interface), deferred :: acceleration
     procedure(margin_interface), deferred :: margin
     procedure :: physical
@@ -121,6 +124,19 @@ contains
     ! A system without elements has nothing to remember.
     self%step_length = self%step_length + 0.0_wp*(q(1) + v(1))
   end subroutine settle
+
+  !> Accelerations and their derivatives by coordinates and velocities, (n_lanes, equation, by).
+  pure subroutine linearise(self, q, v, drive, a, by_q, by_v)
+    class(driven_system_type), intent(in) :: self
+    real(wp), intent(in) :: q(n_lanes, self%n_dof), v(n_lanes, self%n_dof)
+    real(wp), intent(in) :: drive(n_lanes, size(self%drives))
+    real(wp), intent(out) :: a(n_lanes, self%n_dof)
+    real(wp), intent(out), dimension(n_lanes, self%n_dof, self%n_dof) :: by_q, by_v
+    ! Nobody asks one that is not `sloped`.
+    call self%acceleration(q, v, drive, a)
+    by_q = 0.0_wp
+    by_v = 0.0_wp
+  end subroutine linearise
 
   !> What is watched of a surface at states: its signal, or, where the motion slides on it, what is
   !! positive until it leaves.

@@ -83,7 +83,7 @@ contains
     allocate (motion%of_laws(n, n, 2), source=0.0_wp)
     do i = 1, size(system%laws)
       motion%plain_laws(:, i) = matmul(m(:, system%laws(i)%equations), system%laws(i)%weights)
-      call motion%laws(i)%part_linear(by(:, 1), by(:, 2))
+      call motion%laws(i)%part_last(by(:, 1), by(:, 2))
       do d = 1, n
         motion%of_laws(d, :, :) = motion%of_laws(d, :, :) + motion%plain_laws(d, i)*by
       end do

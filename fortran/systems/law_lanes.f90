@@ -18,7 +18,7 @@ module viscovib_law_lanes
   implicit none
   private
 
-  public :: evaluate_lanes, evaluate_term
+  public :: evaluate_lanes, evaluate_term, read_arguments
 
   !> Beyond this a power is computed as one of a real number.
   real(wp), parameter :: highest_power = 32.0_wp

@@ -6,7 +6,7 @@ module viscovib_law_term
   implicit none
   private
 
-  public :: law_term, about_rest, add_laws, add_law_slopes, new_law_term, read_rates
+  public :: law_term, about_rest, add_laws, add_law_slopes, new_law_term, part_linear, read_rates
 
   !> f(A u + A' u') on some equations, each with a weight; what is linear in it stands in the
   !! stiffness and, without a kernel, in the damping.
@@ -27,7 +27,7 @@ module viscovib_law_term
     real(wp), allocatable :: weights(:)
   contains
     procedure :: drop_unread
-    procedure :: part_linear
+    procedure :: part_last
     procedure :: arguments_of_lanes
   end type law_term
 
@@ -91,7 +91,7 @@ contains
 
   !> A law as one without the multiples of arguments that its program takes off last, such as its
   !! linear part at rest; these by coordinates and by rates, shapes (n_dof), to be added to it.
-  subroutine part_linear(self, by_q, by_v)
+  subroutine part_last(self, by_q, by_v)
     class(law_term), intent(inout) :: self
     real(wp), intent(out) :: by_q(:), by_v(:)
     integer :: k, n
@@ -111,6 +111,25 @@ contains
     self%program%number = self%program%number(:n)
     call self%program%measure()
     call self%drop_unread()
+  end subroutine part_last
+
+  !> What laws without a state end with is added to M^(-1) K and M^(-1) C instead.
+  subroutine part_linear(laws, inverse, stiffness, damping)
+    type(law_term), intent(inout) :: laws(:)
+    real(wp), intent(in) :: inverse(:, :)
+    real(wp), intent(inout) :: stiffness(:, :), damping(:, :)
+    real(wp), dimension(size(inverse, 1)) :: by_q, by_v, weights
+    integer :: d, i
+
+    do i = 1, size(laws)
+      if (laws(i)%state > 0) cycle
+      call laws(i)%part_last(by_q, by_v)
+      weights = matmul(inverse(:, laws(i)%equations), laws(i)%weights)
+      do d = 1, size(weights)
+        stiffness(d, :) = stiffness(d, :) + weights(d)*by_q
+        damping(d, :) = damping(d, :) + weights(d)*by_v
+      end do
+    end do
   end subroutine part_linear
 
   !> Arguments from coordinates and rates, of every lane.

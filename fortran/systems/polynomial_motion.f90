@@ -10,10 +10,12 @@ module viscovib_polynomial_motion
   use viscovib_driven_system, only: driven_system_type
   use viscovib_frozen_surfaces, only: frozen
   use viscovib_kinds, only: wp
-  use viscovib_lanes, only: add_multiple, add_two, max_dof, multiply_lanes, n_lanes, turn
+  use viscovib_lanes, only: add_two, max_dof, most_sloped, n_lanes, turn
   use viscovib_law_branches, only: slides
-  use viscovib_law_term, only: law_term
+  use viscovib_law_slopes, only: most_arguments
+  use viscovib_law_term, only: law_term, part_linear
   use viscovib_load, only: load_type
+  use viscovib_monomial_lanes, only: add_monomial_slopes, take_monomials
   use viscovib_polynomial, only: monomial_type, polynomial_type
   use viscovib_status, only: fail, show, status_input_error, status_type
   use viscovib_switched_laws, only: new_switched_laws, switched_laws
@@ -37,6 +39,7 @@ module viscovib_polynomial_motion
     real(wp), allocatable, private :: breaks(:), pieces(:, :, :), piece(:, :)
   contains
     procedure :: acceleration
+    procedure :: linearise
     procedure :: margin
     procedure :: fastest
     procedure :: add_table
@@ -63,9 +66,8 @@ contains
     type(status_type), intent(out) :: status
     complex(wp) :: inverse(system%n_dof(), system%n_dof())
     type(law_term) :: laws(size(system%laws))
-    real(wp) :: by_q(system%n_dof()), by_v(system%n_dof()), weights(system%n_dof())
     logical :: singular
-    integer :: d, i
+    integer :: i
 
     if (system%n_dof() > max_dof) then
       call fail(status, status_input_error, 'system', 'system: has '//show(system%n_dof()) &
@@ -91,17 +93,14 @@ contains
     motion%linear_rate = sqrt(maxval(sum(abs(motion%stiffness), 2))) &
                          + maxval(sum(abs(motion%damping), 2))
     laws = system%laws
+    motion%sloped = motion%n_dof <= most_sloped .and. size(laws) > 0 .and. all(laws%state == 0)
+    call part_linear(laws, motion%inverse, motion%stiffness, motion%damping)
     do i = 1, size(laws)
-      if (laws(i)%state > 0) cycle
-      call laws(i)%part_linear(by_q, by_v)
-      weights = matmul(motion%inverse(:, laws(i)%equations), laws(i)%weights)
-      do d = 1, motion%n_dof
-        motion%stiffness(d, :) = motion%stiffness(d, :) + weights(d)*by_q
-        motion%damping(d, :) = motion%damping(d, :) + weights(d)*by_v
-      end do
+      if (size(laws(i)%arguments, 1) > most_arguments) motion%sloped = .false.
     end do
     call new_switched_laws(motion%laws, laws, motion%inverse)
     if (size(motion%laws%holds) > 0) motion%signals = motion%laws%signals
+    if (size(motion%laws%holds) > 0) motion%sloped = .false.
   end subroutine new_polynomial_motion
 
   !> Hold the laws on one side of each of their surfaces, or on it.
@@ -420,35 +419,43 @@ contains
     call self%laws%add(q, v, a)
   end subroutine acceleration
 
+  !> Derivatives by the product rule and by the laws' own.
+  pure subroutine linearise(self, q, v, drive, a, by_q, by_v)
+    class(polynomial_motion_type), intent(in) :: self
+    real(wp), intent(in) :: q(n_lanes, self%n_dof), v(n_lanes, self%n_dof)
+    real(wp), intent(in) :: drive(n_lanes, size(self%drives))
+    real(wp), intent(out) :: a(n_lanes, self%n_dof)
+    real(wp), intent(out), dimension(n_lanes, self%n_dof, self%n_dof) :: by_q, by_v
+    integer :: b, d
+
+    call self%but_laws(q, v, drive, a)
+    do b = 1, self%n_dof
+      do d = 1, self%n_dof
+        by_q(:, d, b) = -self%stiffness(d, b)
+        by_v(:, d, b) = -self%damping(d, b)
+      end do
+    end do
+    call add_monomial_slopes(self%monomials, self%n_dof, self%inverse, q, by_q)
+    call self%laws%add_sloped(q, v, a, by_q, by_v)
+  end subroutine linearise
+
   !> Accelerations by all but the laws.
   pure subroutine but_laws(self, q, v, drive, a)
     class(polynomial_motion_type), intent(in) :: self
     real(wp), intent(in) :: q(n_lanes, self%n_dof), v(n_lanes, self%n_dof)
     real(wp), intent(in) :: drive(n_lanes, size(self%drives))
     real(wp), intent(out) :: a(n_lanes, self%n_dof)
-    real(wp) :: product(n_lanes), c(n_lanes), s(n_lanes)
-    integer :: b, d, i, j, k, order
+    real(wp) :: total(n_lanes), c(n_lanes), s(n_lanes)
+    integer :: b, d, k, order
 
     do d = 1, self%n_dof
-      product = 0.0_wp
+      total = 0.0_wp
       do b = 1, self%n_dof
-        call add_two(product, -self%stiffness(d, b), q(:, b), -self%damping(d, b), v(:, b))
+        call add_two(total, -self%stiffness(d, b), q(:, b), -self%damping(d, b), v(:, b))
       end do
-      a(:, d) = product
+      a(:, d) = total
     end do
-    do i = 1, size(self%monomials)
-      associate (m => self%monomials(i))
-        product = m%coefficient
-        do j = 1, size(m%dof)
-          call multiply_lanes(product, q(:, m%dof(j)), m%power(j))
-        end do
-        do d = 1, self%n_dof
-          if (abs(self%inverse(d, m%equation)) > 0.0_wp) then
-            call add_multiple(a(:, d), -self%inverse(d, m%equation), product)
-          end if
-        end do
-      end associate
-    end do
+    call take_monomials(self%monomials, self%n_dof, self%inverse, q, a)
     ! cos and sin of the order reached so far.
     order = 0
     c = 1.0_wp

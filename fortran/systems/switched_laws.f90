@@ -17,6 +17,7 @@ module viscovib_switched_laws
   use viscovib_law_branches, only: find_signals, held, signal_type, slides
   use viscovib_law_lanes, only: evaluate_lanes, evaluate_term
   use viscovib_law_program, only: law_program, wall
+  use viscovib_law_slopes, only: differentiate_term, most_arguments
   use viscovib_law_term, only: law_term
   use viscovib_moving_element, only: moving_element, new_moving_element
   implicit none
@@ -56,6 +57,7 @@ module viscovib_switched_laws
   contains
     procedure :: take
     procedure :: add
+    procedure :: add_sloped
     procedure :: rate
     procedure :: n_slides
     procedure :: place_of
@@ -303,6 +305,32 @@ contains
     if (self%n_slides() == 0) return
     call slide_along(self, q, v, a, mu)
   end subroutine add
+
+  !> The same of laws without surfaces, with their derivatives (see `linearise` of systems).
+  pure subroutine add_sloped(self, q, v, a, by_q, by_v)
+    class(switched_laws), intent(in) :: self
+    real(wp), intent(in) :: q(n_lanes, self%n_dof), v(n_lanes, self%n_dof)
+    real(wp), intent(inout) :: a(n_lanes, self%n_dof)
+    real(wp), intent(inout), dimension(n_lanes, self%n_dof, self%n_dof) :: by_q, by_v
+    real(wp) :: value(n_lanes), slopes(n_lanes, most_arguments)
+    integer :: b, d, i, k
+
+    do i = 1, size(self%laws)
+      associate (law => self%laws(i))
+        call differentiate_term(law, q, v, value, slopes)
+        do d = 1, self%n_dof
+          call add_multiple(a(:, d), -self%weights(d, i), value)
+          do b = 1, self%n_dof
+            do k = 1, size(law%arguments, 1)
+              call add_multiple(by_q(:, d, b), -self%weights(d, i)*law%arguments(k, b), &
+                                slopes(:, k))
+              call add_multiple(by_v(:, d, b), -self%weights(d, i)*law%rates(k, b), slopes(:, k))
+            end do
+          end do
+        end do
+      end associate
+    end do
+  end subroutine add_sloped
 
   !> Deflections of an element.
   pure function deflection(self, i, q) result(d)

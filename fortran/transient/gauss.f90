@@ -3,7 +3,8 @@
 !!
 !! q_i = q_0 + c_i h v_0 + h^2 sum_j a2_ij f_j, v_i = v_0 + h sum_j a_ij f_j,
 !! f_i = a(q_i, v_i): solved by fixed-point iteration from the polynomial of the
-!! step before, stopped when the accelerations hardly change. Symplectic and
+!! step before, stopped when the accelerations hardly change; by Newton's method of
+!! few systems with laws of functions (viscovib_node_newton). Symplectic and
 !! symmetric; order 2s at the step ends.
 module viscovib_gauss
   use viscovib_aligned, only: alignment_slack, first_aligned, settle
@@ -14,6 +15,7 @@ module viscovib_gauss
   use viscovib_kinds, only: wp
   use viscovib_lanes, only: max_dof, n_lanes
   use viscovib_node_kernels, only: exchange, lane_product_sum, lane_sum, node_states, predict
+  use viscovib_node_newton, only: newton_nodes
   use viscovib_phases, only: new_phases, phases_type, turn_phase
   use viscovib_step_path, only: new_path, step_path
   use viscovib_stepper, only: stepper_type
@@ -68,6 +70,7 @@ module viscovib_gauss
     procedure :: least_margin
     procedure :: trace
     procedure, private :: step_in_room
+    procedure, private :: solve
     procedure, private :: iterate
     procedure, private :: margin_at_nodes
   end type gauss_type
@@ -204,13 +207,17 @@ contains
                        room(1, p%f), room(1, p%f_new + max_dof*(b - 1)))
         end do
         room(:, p%f:p%f_new - 1) = room(:, p%f_new:p%f_new + max_dof*blocks - 1)
-        call self%iterate(system, room, converged)
+        call self%solve(system, room, converged)
       end if
       if (.not. converged) then
         call constant_start(self, system, room)
-        call self%iterate(system, room, converged)
-        if (.not. converged) return
+        call self%solve(system, room, converged)
       end if
+      if (.not. converged .and. system%sloped) then
+        call constant_start(self, system, room)
+        call self%iterate(system, room, converged)
+      end if
+      if (.not. converged) return
       call advance(self, blocks, room(1, p%f))
     end associate
   end subroutine step_in_room
@@ -258,6 +265,37 @@ contains
       end do
     end associate
   end subroutine constant_start
+
+  !> The accelerations at the nodes, from those at hand: by Newton's method where derivatives are
+  !! known.
+  subroutine solve(self, system, room, converged)
+    class(gauss_type), intent(inout) :: self
+    class(driven_system_type), intent(in) :: system
+    real(wp), intent(inout) :: room(n_lanes, self%plan%n_columns)
+    logical, intent(out) :: converged
+    real(wp) :: q_0(max_dof), v_0(max_dof), total, lost
+    integer :: n, blocks
+
+    if (.not. system%sloped) then
+      call self%iterate(system, room, converged)
+      return
+    end if
+    n = size(self%q)
+    blocks = self%table%n_blocks
+    q_0 = 0.0_wp
+    v_0 = 0.0_wp
+    q_0(:n) = self%q
+    v_0(:n) = self%v
+    lost = blocks*n_lanes*rounding*(sum(abs(q_0)) + abs(self%h)*sum(abs(v_0)))
+    associate (p => self%plan)
+      total = size_of(n, blocks, room(1, p%f))
+      call newton_nodes(system, n, blocks, room(1, p%times), room(1, p%sums), room(1, p%drive), &
+                        q_0, v_0, total, max(self%tolerance*total, negligible), lost, &
+                        self%h**2, room(1, p%f), room(1, p%f_new), room(1, p%q), room(1, p%v), &
+                        self%n_evaluations, converged)
+      if (converged) converged = all(abs(room(1, p%q:p%q + n - 1)) <= largest_angle)
+    end associate
+  end subroutine solve
 
   !> Fixed point of the accelerations.
   subroutine iterate(self, system, room, converged)

@@ -267,6 +267,10 @@ class PolynomialSystem:
 
     def _fastest(self) -> float:
         """Upper bound of the rates of the linear system without memory (1/s), as in the core."""
+        return self._linear_rate
+
+    @cached_property
+    def _linear_rate(self) -> float:
         inverse = np.linalg.inv(self._mass_matrix)
         stiffness = np.abs(inverse @ self._stiffness_at_rest).sum(axis=1).max()
         return float(np.sqrt(stiffness) + np.abs(inverse @ self._damping).sum(axis=1).max())

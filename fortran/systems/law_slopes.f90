@@ -1,0 +1,203 @@
+!> Force laws over a block of lanes with their derivatives by their arguments, for the vector unit.
+!!
+!! Forward differentiation as in `viscovib_law_program`, which takes over where an instruction is
+!! none of the usual ones, or an operand is near the end of a domain.
+module viscovib_law_slopes
+  use viscovib_kinds, only: wp
+  use viscovib_lanes, only: n_lanes
+  use viscovib_law_lanes, only: read_arguments
+  use viscovib_law_program, only: add, divide, f_cos, f_exp, f_log, f_sin, f_sqrt, f_tanh, &
+    known_power, law_program, multiply, negate, put_argument, put_number, square, steepest, &
+    subtract, wall
+  use viscovib_law_term, only: law_term
+  use viscovib_vector_math, only: exponential_lanes, largest_angle, logarithm_lanes, &
+    sine_cosine_lanes, tangent_lanes
+  implicit none
+  private
+
+  public :: differentiate_term
+
+  !> Arguments that a law may have to be differentiated here.
+  integer, parameter, public :: most_arguments = 4
+  !> Columns of values that most laws need, and powers made by products.
+  integer, parameter :: usual_depth = 12, highest_power = 9
+  !> Beyond this such powers are left to others.
+  real(wp), parameter :: highest_base = 1.0e4_wp
+
+contains
+
+  !> The law of a term from coordinates and rates, and its derivatives by its arguments.
+  pure subroutine differentiate_term(law, q, v, value, slopes)
+    type(law_term), intent(in) :: law
+    real(wp), intent(in) :: q(n_lanes, size(law%arguments, 2)), v(n_lanes, size(law%arguments, 2))
+    !> Shapes (n_lanes) and (n_lanes, n_arguments).
+    real(wp), intent(out) :: value(n_lanes), slopes(n_lanes, size(law%arguments, 1))
+    real(wp) :: arguments(n_lanes, most_arguments), x(n_lanes, usual_depth)
+    real(wp) :: dx(n_lanes, most_arguments, usual_depth)
+    logical :: done
+    integer :: m
+
+    m = size(law%arguments, 1)
+    done = m <= most_arguments .and. law%program%depth < usual_depth
+    if (done) then
+      call read_arguments(m, size(law%arguments, 2), law%arguments, law%rates, q, v, arguments)
+      call run(size(law%program%code), law%program%code, law%program%number, m, arguments, x, dx, &
+               done)
+    end if
+    if (done) then
+      value = x(:, 1)
+      slopes = dx(:, :m, 1)
+    else
+      call law%program%differentiate(law%arguments_of_lanes(q, v), value, slopes)
+    end if
+  end subroutine differentiate_term
+
+  pure subroutine run(n, code, number, m, arguments, x, dx, done)
+    integer, intent(in) :: n, code(n), m
+    real(wp), intent(in) :: number(n), arguments(n_lanes, m)
+    real(wp), intent(inout) :: x(n_lanes, usual_depth), dx(n_lanes, most_arguments, usual_depth)
+    !> Whether all could be done here.
+    logical, intent(out) :: done
+    real(wp) :: slope(n_lanes)
+    integer :: i, k, l, top
+
+    done = .true.
+    top = 0
+    do i = 1, n
+      select case (code(i))
+      case (put_argument)
+        top = top + 1
+        x(:, top) = arguments(:, int(number(i)))
+        dx(:, :m, top) = 0.0_wp
+        dx(:, int(number(i)), top) = 1.0_wp
+      case (put_number)
+        top = top + 1
+        x(:, top) = number(i)
+        dx(:, :m, top) = 0.0_wp
+      case (multiply)
+        top = top - 1
+        do k = 1, m
+          !GCC$ unroll 1
+          do l = 1, n_lanes
+            dx(l, k, top) = min(max(dx(l, k, top)*x(l, top + 1), -wall), wall) &
+                            + min(max(dx(l, k, top + 1)*x(l, top), -wall), wall)
+          end do
+        end do
+        !GCC$ unroll 1
+        do l = 1, n_lanes
+          x(l, top) = min(max(x(l, top)*x(l, top + 1), -wall), wall)
+        end do
+      case (add, subtract)
+        top = top - 1
+        call add_up(code(i) == add, m, x(1, top), dx(1, 1, top))
+      case default
+        if (code(i) == divide) top = top - 1
+        call of_lanes(code(i), number(i), m, x(1, top), dx(1, 1, top), slope, done)
+        if (.not. done) return
+        do k = 1, m
+          !GCC$ unroll 1
+          do l = 1, n_lanes
+            dx(l, k, top) = min(max(slope(l)*dx(l, k, top), -wall), wall)
+          end do
+        end do
+      end select
+    end do
+  end subroutine run
+
+  !> Sum or difference of two values, and of their derivatives.
+  pure subroutine add_up(plus, m, x, dx)
+    logical, intent(in) :: plus
+    integer, intent(in) :: m
+    real(wp), intent(inout) :: x(n_lanes, 2), dx(n_lanes, most_arguments, 2)
+    real(wp) :: c
+    integer :: k, l
+
+    c = merge(1.0_wp, -1.0_wp, plus)
+    !GCC$ unroll 1
+    do l = 1, n_lanes
+      x(l, 1) = x(l, 1) + c*x(l, 2)
+    end do
+    do k = 1, m
+      !GCC$ unroll 1
+      do l = 1, n_lanes
+        dx(l, k, 1) = dx(l, k, 1) + c*dx(l, k, 2)
+      end do
+    end do
+  end subroutine add_up
+
+  !> A function in place of its operand, and its derivative, by which that of the operand is yet to
+  !! be multiplied.
+  pure subroutine of_lanes(code, number, m, x, dx, slope, done)
+    integer, intent(in) :: code, m
+    real(wp), intent(in) :: number
+    real(wp), intent(inout) :: x(n_lanes, 2), dx(n_lanes, most_arguments, 2)
+    real(wp), intent(out) :: slope(n_lanes)
+    !> Not so: the function is not known here, or an operand is where it is not smooth.
+    logical, intent(out) :: done
+    real(wp) :: value(n_lanes)
+    integer :: k
+
+    slope = 0.0_wp
+    value = x(:, 1)
+    done = .true.
+    select case (code)
+    case (negate)
+      value = -x(:, 1)
+      slope = -1.0_wp
+    case (square)
+      value = min(x(:, 1)**2, wall)
+      slope = 2.0_wp*x(:, 1)
+    case (f_sin, f_cos)
+      done = all(abs(x(:, 1)) <= largest_angle)
+      if (.not. done) return
+      if (code == f_sin) then
+        call sine_cosine_lanes(x(:, 1), value, slope)
+      else
+        call sine_cosine_lanes(x(:, 1), slope, value)
+        slope = -slope
+      end if
+    case (f_tanh)
+      call tangent_lanes(x(:, 1), value)
+      slope = (1.0_wp - value)*(1.0_wp + value)
+    case (f_exp)
+      done = all(abs(x(:, 1)) <= steepest)
+      if (.not. done) return
+      call exponential_lanes(x(:, 1), value)
+      slope = value
+    case (f_log)
+      done = all(x(:, 1) > 1.0_wp/highest_base)
+      if (.not. done) return
+      call logarithm_lanes(x(:, 1), value)
+      slope = 1.0_wp/x(:, 1)
+    case (f_sqrt)
+      done = all(x(:, 1) > 1.0_wp/highest_base)
+      if (.not. done) return
+      value = sqrt(x(:, 1))
+      slope = 0.5_wp/value
+    case (known_power)
+      k = nint(number)
+      done = abs(number - k) <= 0.0_wp .and. k > 0 .and. k <= highest_power &
+             .and. all(abs(x(:, 1)) <= highest_base)
+      if (.not. done) return
+      slope = 1.0_wp
+      do k = 2, nint(number)
+        slope = slope*x(:, 1)
+      end do
+      value = slope*x(:, 1)
+      slope = number*slope
+    case (divide)
+      done = all(abs(x(:, 2)) > 1.0_wp/highest_base)
+      if (.not. done) return
+      slope = 1.0_wp/x(:, 2)
+      value = min(max(x(:, 1)*slope, -wall), wall)
+      do k = 1, m
+        dx(:, k, 1) = dx(:, k, 1) - value*dx(:, k, 2)
+      end do
+      value = x(:, 1)/x(:, 2)
+    case default
+      done = .false.
+    end select
+    x(:, 1) = value
+  end subroutine of_lanes
+
+end module viscovib_law_slopes

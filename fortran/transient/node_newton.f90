@@ -1,0 +1,177 @@
+!> The accelerations at the nodes of a collocation step by Newton's method, for systems that know
+!! their derivatives.
+!!
+!! With the states q, v that accelerations f give at the nodes (h^2 A_q and h A being the sums over
+!! nodes), the equations are f = a(q, v). With r = a - f a step is f + (1 - M)^(-1) r,
+!!
+!!   M d = (da/dq) h^2 A_q d + (da/dv) h A d,
+!!
+!! so that f becomes a + M r + M^2 r + ..., as many terms as matter beside what a step of Newton's
+!! method leaves. Each costs the sums over nodes alone, much less than a law does.
+module viscovib_node_newton
+  use viscovib_driven_system, only: driven_system_type
+  use viscovib_kinds, only: i8, wp
+  use viscovib_lanes, only: max_dof, most_sloped, n_lanes
+  use viscovib_node_kernels, only: lane_sum, node_states
+  implicit none
+  private
+
+  public :: newton_nodes
+
+  !> Steps of the method, and terms of the series of one.
+  integer, parameter :: max_steps = 8, max_terms = 30
+  !> A series may grow at first, being that of a matrix that is not normal.
+  integer, parameter :: may_grow = 4
+  !> Changes larger than this are running away.
+  real(wp), parameter :: runaway = 1.0e15_wp
+  !> A step leaves the square of the relative change before it, as a rule; the series is summed to
+  !! this part of that, and of what is wanted.
+  real(wp), parameter :: fine = 0.1_wp
+  !> By how much the error may be larger than the squares tell.
+  real(wp), parameter :: margin = 10.0_wp
+
+contains
+
+  subroutine newton_nodes(system, n, blocks, times, sums, drive, q_0, v_0, total, wanted, lost, &
+                          h_2, f, f_new, q, v, n_evaluations, converged)
+    class(driven_system_type), intent(in) :: system
+    integer, intent(in) :: n, blocks
+    !> As in `node_states`, for each block; loads.
+    real(wp), intent(in) :: times(n_lanes, blocks)
+    real(wp), intent(in) :: sums(n_lanes, 2, n_lanes*blocks, blocks)
+    real(wp), intent(in) :: drive(n_lanes, max_dof, blocks), q_0(max_dof), v_0(max_dof)
+    !> Sum of the sizes of accelerations, the change of that sum that is wanted; of displacements
+    !! what rounding loses, and the square of the step.
+    real(wp), intent(in) :: total, wanted, lost, h_2
+    real(wp), intent(inout) :: f(n_lanes, max_dof, blocks), f_new(n_lanes, max_dof, blocks)
+    real(wp), intent(inout) :: q(n_lanes, max_dof, blocks), v(n_lanes, max_dof, blocks)
+    integer(i8), intent(inout) :: n_evaluations
+    logical, intent(out) :: converged
+    real(wp) :: by_q(n_lanes, most_sloped**2, 2), by_v(n_lanes, most_sloped**2, 2)
+    real(wp) :: change, before, left
+    integer :: b, k
+    logical :: summed
+
+    converged = .false.
+    before = 0.0_wp
+    do k = 1, max_steps
+      change = 0.0_wp
+      do b = 1, blocks
+        call node_states(blocks, n, times(1, b), sums(1, 1, 1, b), f, q_0, v_0, q(1, 1, b), &
+                         v(1, 1, b))
+        call system%linearise(q(1, 1, b), v(1, 1, b), drive(1, 1, b), f_new(1, 1, b), &
+                              by_q(1, 1, b), by_v(1, 1, b))
+      end do
+      n_evaluations = n_evaluations + blocks
+      do b = 1, blocks
+        call part(n, f_new(1, 1, b), f(1, 1, b), change)
+      end do
+      if (.not. change <= runaway) return
+      if (k > 2 .and. change > before) then
+        ! Where accelerations are what large terms leave, rounding is all that still changes.
+        converged = h_2*change <= lost
+        return
+      end if
+      left = max(fine*wanted, fine*change*(change/max(total, change, wanted)))
+      call add_series(n, blocks, times, sums, by_q, by_v, left, f, f_new, q, v, summed)
+      if (.not. summed) return
+      if (change <= wanted) exit
+      if (k > 1 .and. left <= wanted .and. change <= before) then
+        if (margin*change*(change/before)**2 <= wanted) exit
+      end if
+      before = change
+    end do
+    converged = k <= max_steps
+    ! States inside the step are asked for.
+    do b = 1, blocks
+      call node_states(blocks, n, times(1, b), sums(1, 1, 1, b), f, q_0, v_0, q(1, 1, b), &
+                       v(1, 1, b))
+    end do
+  end subroutine newton_nodes
+
+  !> Put new accelerations in the place of old ones, and what has changed in theirs.
+  pure subroutine part(n, new, old, change)
+    integer, intent(in) :: n
+    real(wp), intent(inout) :: new(n_lanes, n), old(n_lanes, n), change
+    real(wp) :: sizes(n_lanes), now
+    integer :: d, l
+
+    sizes = 0.0_wp
+    do d = 1, n
+      !GCC$ unroll 1
+      do l = 1, n_lanes
+        now = new(l, d)
+        new(l, d) = now - old(l, d)
+        old(l, d) = now
+        sizes(l) = sizes(l) + abs(new(l, d))
+      end do
+    end do
+    change = change + lane_sum(sizes)
+  end subroutine part
+
+  !> f + M r + M^2 r + ..., r being what `r` holds at first.
+  pure subroutine add_series(n, blocks, times, sums, by_q, by_v, left, f, r, q, v, summed)
+    integer, intent(in) :: n, blocks
+    real(wp), intent(in) :: times(n_lanes, blocks)
+    real(wp), intent(in) :: sums(n_lanes, 2, n_lanes*blocks, blocks)
+    real(wp), intent(in) :: by_q(n_lanes, most_sloped**2, 2), by_v(n_lanes, most_sloped**2, 2)
+    !> What may be left out.
+    real(wp), intent(in) :: left
+    real(wp), intent(inout) :: f(n_lanes, max_dof, blocks), r(n_lanes, max_dof, blocks)
+    !> Room.
+    real(wp), intent(inout) :: q(n_lanes, max_dof, blocks), v(n_lanes, max_dof, blocks)
+    logical, intent(out) :: summed
+    real(wp) :: nothing(max_dof), size_of, before, expected
+    integer :: b, i
+
+    nothing = 0.0_wp
+    summed = .false.
+    before = 0.0_wp
+    do i = 1, max_terms
+      size_of = 0.0_wp
+      do b = 1, blocks
+        call node_states(blocks, n, times(1, b), sums(1, 1, 1, b), r, nothing, nothing, &
+                         q(1, 1, b), v(1, 1, b))
+      end do
+      do b = 1, blocks
+        call next_term(n, by_q(1, 1, b), by_v(1, 1, b), q(1, 1, b), v(1, 1, b), r(1, 1, b), &
+                       f(1, 1, b), size_of)
+      end do
+      if (.not. size_of <= runaway) return
+      if (i > may_grow .and. size_of > before) return
+      expected = size_of
+      if (i > 1 .and. size_of < before) expected = size_of*(size_of/before)
+      summed = expected <= left
+      if (summed) return
+      before = size_of
+    end do
+  end subroutine add_series
+
+  !> A term of the series in a block, and the sum with it.
+  pure subroutine next_term(n, by_q, by_v, q, v, term, total, size_of)
+    integer, intent(in) :: n
+    real(wp), intent(in) :: by_q(n_lanes, n, n), by_v(n_lanes, n, n), q(n_lanes, n), v(n_lanes, n)
+    real(wp), intent(inout) :: term(n_lanes, n), total(n_lanes, n), size_of
+    real(wp) :: sizes(n_lanes), now(n_lanes)
+    integer :: b, d, l
+
+    sizes = 0.0_wp
+    do d = 1, n
+      now = 0.0_wp
+      do b = 1, n
+        !GCC$ unroll 1
+        do l = 1, n_lanes
+          now(l) = now(l) + (by_q(l, d, b)*q(l, b) + by_v(l, d, b)*v(l, b))
+        end do
+      end do
+      !GCC$ unroll 1
+      do l = 1, n_lanes
+        term(l, d) = now(l)
+        total(l, d) = total(l, d) + now(l)
+        sizes(l) = sizes(l) + abs(now(l))
+      end do
+    end do
+    size_of = size_of + lane_sum(sizes)
+  end subroutine next_term
+
+end module viscovib_node_newton
