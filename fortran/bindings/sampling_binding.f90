@@ -36,19 +36,23 @@ subroutine sampling_errors(flat, n_flat, kind_x, data_x, n_x, kind_phi, data_phi
   integer :: i, m
 
   errors = -1.0_c_double
-  call make_system(system, flat, kind_x, data_x, kind_phi, data_phi, outcome)
-  if (.not. outcome%failed()) call make_load(load, orders, series, outcome)
+  call make_load(load, orders, series, outcome)
+  ! What varies may have no value in the vector: it is made anew at each motion.
+  if (.not. outcome%failed() .and. parameter <= vary_load) then
+    call make_system(system, flat, kind_x, data_x, kind_phi, data_phi, outcome)
+  end if
   do i = 1, n
-    if (outcome%failed() .or. is_set(cancel(1))) exit
+    if (outcome%failed()) exit
+    if (is_set(cancel(1))) exit
     at = nu
     factor = 1.0_c_double
     if (parameter == vary_frequency) at = p(i)
     if (parameter == vary_load) factor = p(i)
     if (parameter > vary_load) then
-      deallocate (system)
       call make_system(system, vector_at(flat, direction, p(i)), kind_x, data_x, kind_phi, &
                        data_phi, outcome)
       if (outcome%failed()) exit
+      call judge%forget()
     end if
     m = n_used(i)
     if (m == 0) cycle

@@ -30,9 +30,16 @@ module viscovib_sampling_error
     type(balance_type) :: own, fine
   contains
     procedure :: error_of
+    procedure :: forget
   end type sampling_judge
 
 contains
+
+  !> The next motion is one of another system.
+  subroutine forget(self)
+    class(sampling_judge), intent(inout) :: self
+    self%highest = 0
+  end subroutine forget
 
   !> The relative error of a motion in the norm of `weighted_norm`; negative if it is not known.
   subroutine error_of(self, system, load, nu, factor, half_wave, x, error)
@@ -57,7 +64,7 @@ contains
     norm = weighted_norm(system, x)
     if (.not. norm > 0.0_wp) return
     highest = merge(size(x, 1) - 1, size(x, 1)/2 - 1, half_wave)
-    if (highest /= self%highest .or. half_wave .neqv. self%half_wave) then
+    if (highest /= self%highest .or. (half_wave .neqv. self%half_wave)) then
       call new_harmonic_set(set, highest, half_wave, system%degree)
       call new_balance(self%own, system, set)
       self%highest = highest

@@ -138,3 +138,34 @@ def test_structures_and_bases_that_move():
     ]
     assert found[0] == pytest.approx(found[1], rel=1e-2)
     assert (found[0] > 1e-12).all()
+
+
+@pytest.mark.filterwarnings("ignore::viscovib.ConvergenceWarning")
+def test_branches_over_a_parameter():
+    """The system is another at each point; that at 0 need not be one."""
+    mount = vv.Mount(
+        mass=1, inertia=0.1, offset=0.5, stiffness_x=10, stiffness_phi=2,
+        damping=[[0.2, -0.1], [-0.1, 0.09]], geometry="exact",
+    )  # fmt: skip
+    branch = vv.trace_response(
+        mount, nu=2.0, load=0.3, vary="mass", vary_range=(1, 1.2), stability=False
+    )
+    assert (branch.sampling < 1e-9).all()
+    assert "estimated error of those left out" in repr(branch)
+    system = vv.PolynomialSystem(
+        mass=1, stiffness=1, damping=0.05, forces="k*pow(x^2, 0.6)*x", parameters={"k": 0.3}
+    )
+    given = {"load": 0.5, "harmonics": 9}
+    branch = vv.trace_response(
+        system, nu=0.8, vary="k", vary_range=(0.3, 0.4), stability=False, **given
+    )
+    assert (branch.sampling > 1e-12).all()
+    assert (branch.sampling < branch.truncation).all()
+    gap = vv.PolynomialSystem(
+        mass=1, stiffness=1, damping=0.05, forces="5*max(x - gap, 0)", parameters={"gap": 0.2}
+    )
+    branch = vv.trace_response(
+        gap, nu=0.8, vary="gap", vary_range=(0.2, 0.4), stability=False, **given
+    )
+    # Integrated from one switch to the next, which stand elsewhere at each point.
+    assert (branch.sampling < 1e-12).all()
