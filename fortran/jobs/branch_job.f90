@@ -30,9 +30,12 @@ module viscovib_branch_job
   public :: branch_job, plan_along
 
   type, extends(job_type) :: branch_job
-    !> What varies: 'nu', 'load_factor' or one of `mount_numbers`, whose place is `number`.
+    !> What varies: 'nu', 'load_factor' or one of `mount_numbers`, whose place is `number`; or, with
+    !! `number` 1, that of `builder`.
     character(len=:), allocatable :: varies
     integer :: number = 0
+    !> Of a body whose number varies.
+    class(system_builder), allocatable :: builder
     !> The frequency, that at the beginning if it varies (rad/s).
     real(wp) :: nu = 0.0_wp
     type(response_options) :: options
@@ -196,6 +199,13 @@ contains
         if (status%failed()) return
       end if
     end select
+    if (allocated(job%builder)) then
+      allocate (builder, source=job%builder)
+      call new_family_curve(curve, builder, job%curve%start, &
+                            maxval(abs([job%curve%start, job%curve%finish])), load, plan%set, &
+                            job%nu, status)
+      if (status%failed()) return
+    end if
     if (.not. allocated(curve)) call new_plain_curve(curve, system, load, plan%set, &
                                                      merge(vary_frequency, vary_load, &
                                                            job%varies == 'nu'), job%nu)

@@ -1,8 +1,10 @@
 !> What jobs are about: a system with names and units of its coordinates, and its loads.
 module viscovib_subject
+  use viscovib_kernel_holder, only: kernel_holder
   use viscovib_kinds, only: wp
   use viscovib_load, only: load_type
   use viscovib_mount, only: mount_type
+  use viscovib_mounted_body, only: mounted_body
   use viscovib_oscillator, only: oscillator_type
   use viscovib_pendulum, only: pendulum_type
   use viscovib_polynomial, only: polynomial_type
@@ -30,6 +32,8 @@ module viscovib_subject
     !> Any body in space: its centre of mass in the axes of the positions, and how it is turned
     !! where it rests.
     logical :: is_body = .false.
+    type(mounted_body) :: body
+    type(kernel_holder), allocatable :: body_kernels(:)
     real(wp) :: center(3) = 0.0_wp, axes(3, 3) = 0.0_wp
     !> What reading found worth a warning, a line each.
     character(len=:), allocatable :: warned

@@ -11,7 +11,7 @@ module viscovib_body_groups
   use viscovib_law_text, only: compile_law
   use viscovib_mounted_body, only: build_small, build_turning, mounted_body, rest_type
   use viscovib_namelist, only: lower, namelist_type
-  use viscovib_kernel_holder, only: kernel_holder
+  use viscovib_kernel_holder, only: copy_kernels, kernel_holder
   use viscovib_polynomial, only: max_degree
   use viscovib_polynomial_text, only: expand, terms_type
   use viscovib_scene_groups, only: place_of
@@ -57,6 +57,7 @@ contains
     if (status%failed()) return
     n = count([(file%groups(i)%name == 'mount_point', i=1, size(file%groups))])
     allocate (body%springs(0), body%track_mass(0), body%track_damping(0), names(0))
+    allocate (body%mount_of(0), body%axis_of(0))
     subject%coordinates = [character(len=name_length) :: 'x', 'y', 'z', 'rx', 'ry', 'rz']
     subject%units = [character(len=name_length) :: 'm', 'm', 'm', 'rad', 'rad', 'rad']
     do i = 1, size(file%groups)
@@ -91,6 +92,9 @@ contains
     subject%is_polynomial = .not. body%exact
     subject%is_turning = body%exact
     subject%is_body = .true.
+    body%names = names
+    subject%body = body
+    call copy_kernels(kernels, subject%body_kernels)
     subject%center = center
     subject%axes = rest%axes(body%exact)
     status = reader%status
@@ -220,6 +224,7 @@ contains
     do j = 1, 3
       call append(body%springs, springs(j))
     end do
+    body%axis_of = [body%axis_of, 1, 2, 3]
     do j = 1, 3
       if (held(j) > 0.0_wp) call append(body%springs, turning(j))
     end do
@@ -243,6 +248,8 @@ contains
       call reader%complain('stiffness', name//': stiffness = 0 0 0: must not be 0 in every ' &
                            //'direction')
     end if
+    body%axis_of = [body%axis_of, (0, i=size(body%axis_of) + 1, size(body%springs))]
+    body%mount_of = [body%mount_of, (size(names), i=size(body%mount_of) + 1, size(body%springs))]
     radius = sqrt((body%inertia(1, 1) + body%inertia(2, 2) + body%inertia(3, 3)) &
                   /(2.0_wp*body%mass))
     if (norm2(arm) > far_away*radius .and. subject%warned == '') then

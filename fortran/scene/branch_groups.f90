@@ -1,5 +1,6 @@
 !> The &branch group of a scene with a mount or a polynomial system.
 module viscovib_branch_groups
+  use viscovib_body_builder, only: body_builder, new_body_builder
   use viscovib_branch_job, only: branch_job
   use viscovib_checks, only: check_positive
   use viscovib_curve_groups, only: read_curve, read_yes
@@ -8,28 +9,40 @@ module viscovib_branch_groups
   use viscovib_limits, only: nearly_nothing
   use viscovib_mount, only: mount_type
   use viscovib_mount_builder, only: change_mount, mount_numbers
+  use viscovib_namelist, only: lower
+  use viscovib_oscillator, only: oscillator_type
+  use viscovib_polynomial, only: polynomial_type
   use viscovib_status, only: show, status_type
+  use viscovib_subject, only: subject_type
   implicit none
   private
 
-  public :: read_branch, begin_mount
+  public :: begin_body, begin_mount, read_branch
 
 contains
 
-  subroutine read_branch(reader, job, is_mount)
+  subroutine read_branch(reader, job, subject)
     type(group_reader), intent(inout) :: reader
     type(branch_job), intent(out) :: job
-    !> Else of a system, which has no parameters by name.
-    logical, intent(in) :: is_mount
+    !> A mount and a body under small rotations have parameters by name.
+    type(subject_type), intent(in) :: subject
     character(len=*), parameter :: names(9) = [character(len=13) :: 'nu', 'load_factor', &
                                                mount_numbers]
     type(status_type) :: status
     character(len=:), allocatable :: word, before
     integer :: choice
 
-    word = reader%read_text('vary', 'nu', names(:merge(9, 2, is_mount)), choice)
+    if (subject%is_body .and. subject%is_polynomial) then
+      word = lower(reader%read_text('vary', 'nu'))
+      choice = findloc(names(:2) == word, .true., 1)
+      if (choice == 0) choice = 3
+      job%varies = word
+    else
+      word = reader%read_text('vary', 'nu', names(:merge(2, 9, subject%is_polynomial .or. &
+                                                         subject%is_turning)), choice)
+      job%varies = trim(names(choice))
+    end if
     if (reader%status%failed()) return
-    job%varies = trim(names(choice))
     job%number = max(choice - 2, 0)
     before = merge('nu_', '   ', choice == 1)
     job%curve%start = reader%read_real(trim(before)//'from')
@@ -60,6 +73,34 @@ contains
                            //trim(before)//'from')
     end if
   end subroutine read_branch
+
+  !> The body at the beginning of a branch along one of its numbers, which must make one at both
+  !! ends.
+  subroutine begin_body(reader, job, subject)
+    type(group_reader), intent(inout) :: reader
+    type(branch_job), intent(inout) :: job
+    type(subject_type), intent(inout) :: subject
+    type(body_builder) :: builder
+    class(oscillator_type), allocatable :: system
+    type(status_type) :: status
+
+    if (reader%status%failed() .or. job%number == 0) return
+    call new_body_builder(builder, subject%body, subject%body_kernels, subject%center, job%varies, &
+                          status)
+    call reader%place(status)
+    if (reader%status%failed()) return
+    call builder%build(job%curve%finish, system, status)
+    if (status%failed()) call reader%complain('to', status%message)
+    if (reader%status%failed()) return
+    call builder%build(job%curve%start, system, status)
+    if (status%failed()) call reader%complain('from', status%message)
+    if (reader%status%failed()) return
+    select type (system)
+    type is (polynomial_type)
+      subject%polynomial = system
+    end select
+    allocate (job%builder, source=builder)
+  end subroutine begin_body
 
   !> The mount at the beginning of a branch along one of its parameters, which must make
   !! one at both ends.

@@ -4,7 +4,7 @@
 module viscovib_scene_results
   use viscovib_backbone_groups, only: read_backbone, read_free, read_structure_backbone
   use viscovib_backbone_job, only: backbone_job
-  use viscovib_branch_groups, only: begin_mount, read_branch
+  use viscovib_branch_groups, only: begin_body, begin_mount, read_branch
   use viscovib_branch_job, only: branch_job
   use viscovib_driven_groups, only: read_driven
   use viscovib_driven_job, only: driven_job
@@ -136,8 +136,12 @@ contains
       call move_alloc(driven, job)
     else
       allocate (own)
-      call read_branch(reader, own, .not. (subject%is_polynomial .or. subject%is_turning))
-      call begin_mount(reader, own, subject%mount)
+      call read_branch(reader, own, subject)
+      if (subject%is_body) then
+        call begin_body(reader, own, subject)
+      else
+        call begin_mount(reader, own, subject%mount)
+      end if
       call move_alloc(own, job)
     end if
   end subroutine read_branch_job

@@ -32,6 +32,9 @@ module viscovib_mounted_body
     logical :: exact = .false., loads_turn = .false.
     real(wp), allocatable :: base_direction(:)
     type(body_spring), allocatable :: springs(:)
+    !> Names of mounts; the mount of each spring, and its local axis (0: it is along none).
+    character(len=16), allocatable :: names(:)
+    integer, allocatable :: mount_of(:), axis_of(:)
     !> Of the columns of fluid, each a coordinate of its own.
     real(wp), allocatable :: track_mass(:), track_damping(:)
   contains

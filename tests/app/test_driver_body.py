@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import viscovib as vv
 from driver import SCENES
+from viscovib.bodies.varying_body import _changed, rebuilt
 
 MASSES = (
     "mass=163.9 inertia=9.91 -0.813 -0.472 -0.813 4.12 1.34 -0.472 1.34 9.09 center=0.01 0.02 -0.03"
@@ -188,6 +189,69 @@ def test_a_force_in_any_direction_at_a_point(solve, tmp_path, geometry):
         np.testing.assert_allclose(table, own, atol=1e-9)
 
 
+@pytest.mark.parametrize(
+    ("name", "ends"),
+    [
+        ("mass", (150, 200)),
+        ("inertia_scale", (0.9, 1.1)),
+        ("center[z]", (-0.05, 0.02)),
+        ("mounts[rear].stiffness[z]", (2e5, 3e5)),
+        ("mounts[left].damping_scale", (0.5, 2)),
+        ("mounts[right].position[x]", (-0.1, 0.1)),
+    ],
+)
+def test_a_number_that_varies(solve, tmp_path, name, ends):
+    """Ends of a branch are motions of Python's bodies made with that number."""
+    load = "&load on='ry' amplitude=10 /\n"
+    more = "" if "position" in name or "center" in name else "gravity=0 0 -9.81"
+    what = (
+        f"&branch vary='{name}' from={ends[0]} to={ends[1]} nu=110 harmonics=3 tolerance=0.1\n"
+        "  stability='no' /\n"
+    )
+    result = run_both(solve, tmp_path, body(more, load) + what, "branch")
+    columns, scene = result.value.columns, result.scene
+    system = scene.body()
+    np.testing.assert_allclose(columns[name][[0, -1]], ends, rtol=1e-9)
+    for row, p in ((0, ends[0]), (-1, ends[1])):
+        changed = rebuilt(system, **_changed(system, name)(float(p)))
+        x = vv.forced_response(
+            changed, [110.0], **scene.loads(), harmonics=3, method="newton", tolerance=0.1
+        )
+        j = list(x.harmonics).index(1)
+        for d, dof in enumerate(x.dof_names):
+            told = columns[f"{dof}_1_re"][row] + 1j * columns[f"{dof}_1_im"][row]
+            assert abs(told - x.coefficients[0, d, j]) < 1e-6 * np.abs(x.coefficients).max()
+
+
+def test_stability_along_a_number_that_varies(solve, tmp_path):
+    """Without memory, through folds: as of Python's bodies at some of the points."""
+    plain = MOUNTS.replace("kernel=2", "").replace("kernels=0 1 2", "").replace("rear", "back")
+    text = (
+        f"&body {MASSES} /\n{plain}&load on='ry' amplitude=30 /\n"
+        "&branch vary='mounts[back].stiffness[z]' from=2e5 to=3e5 nu=70 harmonics=3\n"
+        "  tolerance=0.1 stability='yes' /\n"
+    )
+    result = run_both(solve, tmp_path, text, "branch")
+    columns, system = result.value.columns, result.scene.body()
+    name = "mounts[back].stiffness[z]"
+    for row in (0, columns[name].size // 2, columns[name].size - 1):
+        changed = rebuilt(system, **_changed(system, name)(float(columns[name][row])))
+        loads = result.scene.loads()
+        orders = [k for k in range(4) if f"x_{k}_re" in columns]
+        start = {
+            k: {
+                dof: columns[f"{dof}_{k}_re"][row] + 1j * columns[f"{dof}_{k}_im"][row]
+                for dof in system.dof_names
+            }
+            for k in orders
+        }
+        found = vv.forced_response(
+            changed, [70.0], **loads, harmonics=3, method="newton", tolerance=0.1, stability=True,
+            start=start,
+        )  # fmt: skip
+        assert bool(columns["stable"][row]) == found.stable[0]
+
+
 def test_a_rotor_in_a_body_that_turns_far(solve, tmp_path):
     """About a position that its weight turned: the motion of Python's body, which is judged."""
     text = (
@@ -307,6 +371,14 @@ WANTED = "&modes /\n"
             body("geometry='exact' load_axes='space'", "&load force=0 0 1 at=1 0 0 /") + WANTED,
             "must be the centre of mass",
         ),
+        (body() + "&branch vary='mounts[q].stiffness[z]' from=1 to=2 nu=9 /", "a number of a mount"),
+        (body() + "&branch vary='mounts[left].law' from=1 to=2 nu=9 /", "a number of a mount"),
+        (body() + "&branch vary='mass' from=-1 to=2 nu=9 /", "mass and inertia must be greater"),
+        (
+            body() + "&branch vary='mounts[left].stiffness[x]' from=1 to=-2 nu=9 /",
+            "must not be less than 0, got -2",
+        ),
+        (body("geometry='exact'") + "&branch vary='mass' from=1 to=2 nu=9 /", "vary = 'mass': must"),
         (f"&mount_point name='a' position=0 0 0 stiffness=1 1 1 / {WANTED}", "needs &body"),
         (
             f"&mount mass=1, inertia=0.1, offset=0.5, stiffness_x=10, stiffness_phi=2 / "
