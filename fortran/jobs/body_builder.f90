@@ -27,7 +27,7 @@ module viscovib_body_builder
     integer :: which = 0, mount = 0, axis = 0
   contains
     procedure :: build
-    procedure, private :: change
+    procedure, private :: change, change_mount
   end type body_builder
 
 contains
@@ -108,8 +108,7 @@ contains
     real(wp), intent(in) :: p
     type(mounted_body), intent(inout) :: body
     type(status_type), intent(out) :: status
-    real(wp) :: place(3)
-    integer :: j, axis
+    integer :: j
 
     call set_ok(status)
     select case (self%which)
@@ -118,13 +117,25 @@ contains
                                       //'inertia must be greater than 0, got '//show(p))
       if (self%which == of_mass) body%mass = p
       if (self%which == of_inertia) body%inertia = p*body%inertia
-      return
     case (of_center)
       do j = 1, size(body%springs)
         body%springs(j)%arm(self%axis) = body%springs(j)%arm(self%axis) + self%center(self%axis) - p
       end do
-      return
+    case default
+      call self%change_mount(p, body, status)
     end select
+  end subroutine change
+
+  !> The same of one of its mounts.
+  subroutine change_mount(self, p, body, status)
+    class(body_builder), intent(in) :: self
+    real(wp), intent(in) :: p
+    type(mounted_body), intent(inout) :: body
+    type(status_type), intent(out) :: status
+    real(wp) :: place(3)
+    integer :: j, axis
+
+    call set_ok(status)
     if (self%which < 3 .and. .not. p >= 0.0_wp) then
       call fail(status, status_input_error, 'vary', 'vary: must not be less than 0, got '//show(p))
     end if
@@ -145,6 +156,6 @@ contains
         end if
       end associate
     end do
-  end subroutine change
+  end subroutine change_mount
 
 end module viscovib_body_builder

@@ -191,16 +191,10 @@ contains
     end if
     select type (system)
     type is (mount_type)
-      if (job%number > 0) then
-        call new_mount_builder(builder, system, job%number)
-        call new_family_curve(curve, builder, job%curve%start, &
-                              maxval(abs([job%curve%start, job%curve%finish])), load, plan%set, &
-                              job%nu, status)
-        if (status%failed()) return
-      end if
+      if (job%number > 0) call new_mount_builder(builder, system, job%number)
     end select
-    if (allocated(job%builder)) then
-      allocate (builder, source=job%builder)
+    if (allocated(job%builder)) allocate (builder, source=job%builder)
+    if (allocated(builder)) then
       call new_family_curve(curve, builder, job%curve%start, &
                             maxval(abs([job%curve%start, job%curve%finish])), load, plan%set, &
                             job%nu, status)

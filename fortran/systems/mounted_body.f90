@@ -32,8 +32,8 @@ module viscovib_mounted_body
     logical :: exact = .false., loads_turn = .false.
     real(wp), allocatable :: base_direction(:)
     type(body_spring), allocatable :: springs(:)
-    !> Names of mounts; the mount of each spring, and its local axis (0: it is along none).
     character(len=16), allocatable :: names(:)
+    !> The mount of each spring, a place in `names`, and its local axis (0: it is along none).
     integer, allocatable :: mount_of(:), axis_of(:)
     !> Of the columns of fluid, each a coordinate of its own.
     real(wp), allocatable :: track_mass(:), track_damping(:)
@@ -66,20 +66,17 @@ contains
     n_dof = 6 + size(self%track_mass)
   end function n_dof
 
-  !> How the body is turned where it rests; `exact`: rotations are finite.
+  !> How it is turned there; `exact`: rotations are finite.
   pure function axes(self, exact)
     class(rest_type), intent(in) :: self
     logical, intent(in) :: exact
     real(wp) :: axes(3, 3)
     type(rotation_type) :: turn
     complex(wp) :: v(3)
-    integer :: b
-    v = (0.0_wp, 0.0_wp)
-    if (exact .and. allocated(self%q)) v = self%q(4:6)
-    turn = new_rotation(v)
+    integer :: a, b
+    if (exact .and. allocated(self%q)) turn = new_rotation(cmplx(self%q(4:6), 0.0_wp, wp))
     do b = 1, 3
-      v = (0.0_wp, 0.0_wp)
-      v(b) = (1.0_wp, 0.0_wp)
+      v = cmplx([(merge(1.0_wp, 0.0_wp, a == b), a=1, 3)], 0.0_wp, wp)
       axes(:, b) = real(turn%turned(v))
     end do
   end function axes

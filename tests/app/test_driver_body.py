@@ -371,14 +371,20 @@ WANTED = "&modes /\n"
             body("geometry='exact' load_axes='space'", "&load force=0 0 1 at=1 0 0 /") + WANTED,
             "must be the centre of mass",
         ),
-        (body() + "&branch vary='mounts[q].stiffness[z]' from=1 to=2 nu=9 /", "a number of a mount"),
+        (
+            body() + "&branch vary='mounts[q].stiffness[z]' from=1 to=2 nu=9 /",
+            "a number of a mount",
+        ),
         (body() + "&branch vary='mounts[left].law' from=1 to=2 nu=9 /", "a number of a mount"),
         (body() + "&branch vary='mass' from=-1 to=2 nu=9 /", "mass and inertia must be greater"),
         (
             body() + "&branch vary='mounts[left].stiffness[x]' from=1 to=-2 nu=9 /",
             "must not be less than 0, got -2",
         ),
-        (body("geometry='exact'") + "&branch vary='mass' from=1 to=2 nu=9 /", "vary = 'mass': must"),
+        (
+            body("geometry='exact'") + "&branch vary='mass' from=1 to=2 nu=9 /",
+            "vary = 'mass': must",
+        ),
         (f"&mount_point name='a' position=0 0 0 stiffness=1 1 1 / {WANTED}", "needs &body"),
         (
             f"&mount mass=1, inertia=0.1, offset=0.5, stiffness_x=10, stiffness_phi=2 / "
