@@ -201,6 +201,9 @@ def _check_base(motion: Any, before: Any, now: float) -> None:
     place = 0.0 * here if before is None else np.atleast_1d(before.base_at(now))
     most = max(motion.travel, 0.0 if before is None else before.travel)
     if np.abs(here - place).max() > _OFF * most:
+        if np.ptp(here) == 0 == np.ptp(place):
+            # A base that moves all coordinates alike has one place.
+            here, place = here[:1], place[:1]
         begins, was = (" ".join(f"{one:.9g}" for one in places) for places in (here, place))
         raise InputError(
             f"base: is at {begins} at t = {now:g}, must go on from {was}, where it was"
