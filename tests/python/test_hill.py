@@ -314,7 +314,7 @@ def test_unknown_is_said(tmp_path):
 def test_slow_strong_motions_keep_enough_orders():
     """Few harmonics of the motion, many of its disturbances; what is told as an exponent is one."""
     rng = np.random.default_rng(11)
-    worst, judged = 0.0, 0
+    worst, judged, decided = 0.0, 0, 0
     for index in range(60):
         # Single coordinates and pairs: three have exponents of memory side by side.
         model = chain(
@@ -332,14 +332,17 @@ def test_slow_strong_motions_keep_enough_orders():
         x = np.zeros((model.n, r.harmonics.max() + 1), complex)
         x[:, r.harmonics] = r.coefficients[0]
         true, off = balance.multipliers(model, x, nu)
-        if off > 1e-10 * abs(true[0]):
+        if off[0] > 1e-10 * abs(true[0]):
             continue
         judged += 1
         distance = np.abs(found[:, None] - true).min(1) / np.maximum(1, np.abs(found))
         assert distance.max() < 2e-8, (index, distance.max())
         worst = max(worst, distance.max())
-        assert r.stable[0] == (np.abs(true) < 1).all()
+        if r.stable[0] is not None:  # Harmonics left out may decide it.
+            decided += 1
+            assert r.stable[0] == (np.abs(true) < 1).all()
     assert judged > 45
+    assert decided > 30
     assert worst > 1e-15
 
 

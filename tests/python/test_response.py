@@ -213,7 +213,7 @@ def test_dataset_and_csv_hold_the_same_numbers(mount, tmp_path):
         ({"load": {-1: 1.0}}, "load order = -1"),
         ({"load": {1.5: 1.0}}, "load order = 1.5: must be an integer"),
         ({"load": {11: 1.0}, "harmonics": 9}, "harmonics = 9: must be at least 11"),
-        ({"base": [1.0, 2.0]}, "base[1]: must be a number or have shape (1,)"),
+        ({"base": [1.0, 2.0]}, "base: has a motion for each coordinate, must be along one"),
         ({"harmonics": "many"}, "harmonics = 'many': must be an integer or 'auto'"),
         ({"method": "newtonian"}, "method = 'newtonian': must be one of"),
         ({"harmonics": 0}, "harmonics = 0: must be 1 to 199"),
