@@ -27,6 +27,9 @@ module viscovib_many_job
     [character(len=15) :: 'nu', 'load_scale', 'stiffness_scale', 'damping_scale', 'forces_scale']
   !> Halvings of the step before a tolerance is given up.
   integer, parameter :: most_halvings = 12
+  !> How often the first steps, four in the fastest period, are halved at least for the samples of
+  !! peaks and means.
+  integer, parameter :: least_halvings = 3
   real(wp), parameter :: most_steps = 1.0e10_wp
 
   type, extends(job_type) :: many_job
@@ -121,12 +124,12 @@ contains
       return
     end if
     n = unit*max(ceiling(wanted/unit, i8), 1_i8)
-    call make_all(self, subject, spans, n, 1, coarse, status)
+    call make_all(self, subject, spans, n, coarse, status)
     change = -1.0_wp
     if (self%dt <= 0.0_wp) then
       do i = 1, most_halvings
         if (status%failed()) return
-        call make_all(self, subject, spans, n*2_i8**i, 2**i, fine, status)
+        call make_all(self, subject, spans, n*2_i8**i, fine, status)
         change = huge(1.0_wp)
         if (all(coarse%ended == fine%ended)) then
           change = max(maxval(abs(fine%state - coarse%state)), &
@@ -135,7 +138,12 @@ contains
         coarse = fine
         if (change <= self%tolerance) exit
       end do
-      n = n*2_i8**min(i, most_halvings)
+      i = min(i, most_halvings)
+      if (change <= self%tolerance .and. i < least_halvings .and. .not. status%failed()) then
+        i = least_halvings
+        call make_all(self, subject, spans, n*2_i8**i, coarse, status)
+      end if
+      n = n*2_i8**i
       if (change > self%tolerance) then
         call fail(status, status_input_error, 'tolerance', 'tolerance = '//show(self%tolerance) &
                   //': not met with '//show(real(n, wp))//' steps; some motion may be chaotic: ' &
@@ -232,13 +240,12 @@ contains
     if (status%failed()) status%subject = 'from'
   end subroutine pendulum_of
 
-  !> All motions in n steps each; samples are thinned by a factor.
-  subroutine make_all(self, subject, spans, n, factor, many, status)
+  !> All motions in n steps each.
+  subroutine make_all(self, subject, spans, n, many, status)
     class(many_job), intent(in) :: self
     type(subject_type), intent(in) :: subject
     real(wp), intent(in) :: spans(:)
     integer(i8), intent(in) :: n
-    integer, intent(in) :: factor
     type(many_motions), intent(out) :: many
     type(status_type), intent(out) :: status
     type(ensemble_job) :: job
@@ -257,7 +264,6 @@ contains
     if (subject%is_pendulum) n_drives = size(subject%pendulum%drives)
     job%method = self%method
     job%n_steps = n
-    job%sample_every = factor
     job%moments = .true.
     job%n_exponents = merge(1, 0, self%lyapunov)
     allocate (job%lines(0))

@@ -41,6 +41,8 @@ _MAX_STEPS = 10**12
 _MAX_PIECE = 1024
 #: The same where they go one after another, each for itself.
 _MAX_SINGLE = 32
+#: How many times the first steps, four in the fastest period, those of samples are at least.
+_SAMPLED = 8
 
 
 def simulate_ensemble(
@@ -105,7 +107,9 @@ def simulate_ensemble(
     discard : float
         Nothing is gathered before this time (or this many periods, with ``n_periods``).
     statistics : bool
-        Gather peak, mean and rms.
+        Gather peak, mean and rms of states, those at the steps. With ``dt="auto"`` these are 32
+        or more in the period of the fastest linear mode or load, and a peak is then as a rule
+        less than 0.5 % low; its error is not in ``error``.
     amplitudes_at : array_like, shape (m,)
         Circular frequencies at which amplitudes are wanted (projection under a Hann window).
     sections : {1, 2, 3}, str or Event
@@ -174,7 +178,7 @@ def simulate_ensemble(
         threads,
     )
     n, error = length.steps(dt, members), None
-    raw = job.run(n, 1, progress)
+    raw = job.run(n, progress)
     if _native.is_auto(dt):
         raw, n, error = _refine(job, raw, n, wanted, progress)
     h = length.span / n
@@ -365,8 +369,8 @@ class _Job:
         self.lines, self.statistics, self.exponents = lines, statistics, exponents
         self.every, self.threads = every, threads
 
-    def run(self, n_steps: int, factor: int, progress: bool) -> _Raw:
-        """Make all runs with so many steps; sampling is thinned by ``factor``."""
+    def run(self, n_steps: int, progress: bool) -> _Raw:
+        """Make all runs with so many steps."""
         n = self.members.n
         share = math.ceil(n / (4 * self.threads) / _LANES) * _LANES
         piece = min(max(share, _LANES), _MAX_PIECE)
@@ -377,7 +381,7 @@ class _Job:
         parts: dict[int, tuple[Any, ...]] = {}
         try:
             futures = {
-                pool.submit(self._piece, slice(i, min(i + piece, n)), n_steps, factor, cancel): i
+                pool.submit(self._piece, slice(i, min(i + piece, n)), n_steps, cancel): i
                 for i in range(0, n, piece)
             }
             with progress_bar(n, "runs", progress) as bar:
@@ -405,9 +409,7 @@ class _Job:
             lyapunov=lyapunov.T if self.exponents else None,
         )
 
-    def _piece(
-        self, part: slice, n_steps: int, factor: int, cancel: npt.NDArray[np.intc]
-    ) -> tuple[Any, ...]:
+    def _piece(self, part: slice, n_steps: int, cancel: npt.NDArray[np.intc]) -> tuple[Any, ...]:
         n = part.stop - part.start
         periods, points = self.length.periods, 0
         if periods is not None:
@@ -420,7 +422,7 @@ class _Job:
             self.method,
             n_steps,
             self.length.discarded_steps(n_steps),
-            self.every * factor,
+            self.every,
             0 if periods is None else n_steps // periods,
             n if self.statistics else 0,
             self.exponents,
@@ -439,7 +441,7 @@ def _refine(
     changes_so_far: list[float] = []
     while not hopeless(changes_so_far):
         factor *= 2
-        fine = job.run(n * factor, factor, progress)
+        fine = job.run(n * factor, progress)
         both = (coarse.ended == 0) & (fine.ended == 0)
         unlike = (coarse.ended != fine.ended) | (fine.ended == _COARSE)
         parts = np.abs(fine.state - coarse.state)
@@ -460,7 +462,11 @@ def _refine(
             and (parts[stopped].max(axis=1, initial=0.0) <= late[stopped]).all()
         ):
             located = LOCATED * float(np.maximum(fine.t_reached[stopped], 1.0).max(initial=0.0))
-            return fine, n * factor, max(change, rounding_of(alive), located)
+            error = max(change, rounding_of(alive), located)
+            if (job.statistics or job.lines.size) and factor < _SAMPLED:
+                factor = _SAMPLED
+                fine = job.run(n * factor, progress)
+            return fine, n * factor, error
         changes_so_far.append(change)
         coarse = fine
     raise InputError(
