@@ -81,6 +81,7 @@ def test_exponents():
     matrix[2:] = [[-2, 1, -3, 0], [1, -2, 0, -0.2]]
     roots = np.sort(np.linalg.eigvals(matrix).real)[::-1]
     np.testing.assert_allclose(many.spectrum[0], roots, atol=4e-3)
+    assert many.lyapunov[0] == many.spectrum[0, 0]
     assert many.lyapunov[0] == pytest.approx(roots[0], abs=4e-3)
     chaos = vv.simulate_ensemble(
         DUFFING, initial=[[0.1, 0.2], [0.4, -0.1]], t_end=2000.0, discard=100.0, dt=0.1,

@@ -198,7 +198,7 @@ def simulate_ensemble(
         rms=_of_whole(raw.rms, raw.ended),
         amplitudes=_of_whole(raw.amplitudes, raw.ended),
         sections=points,
-        lyapunov=None if raw.lyapunov is None else raw.lyapunov[:, 0],
+        lyapunov=None if raw.lyapunov is None else raw.lyapunov.max(axis=1),
         spectrum=_spectrum(raw.lyapunov, exponents),
         error=error,
         method=members.method_name,
