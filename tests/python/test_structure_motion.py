@@ -289,3 +289,19 @@ def test_a_loss_factor_has_no_meaning_in_time():
     structure = vv.Structure(mass=np.ones(3), stiffness=chain(3), loss_factor=0.1)
     with pytest.raises(vv.InputError, match="loss_factor: has no meaning in time"):
         vv.simulate(structure, 1.0)
+
+
+def test_the_end_asked_for_is_inside_the_run():
+    """So many steps as there are may end a rounding before it."""
+    stiffness = np.array([[3.0, -1], [-1, 2]])
+    system = vv.Structure(
+        mass=np.eye(2), stiffness=stiffness, damping=0.02 * stiffness,
+        elements=[vv.Spring(on="x1", law="0.4*d^3")],
+    )  # fmt: skip
+    for end in (7.3, 30, 50):
+        run = vv.simulate(
+            system, end, initial=[0.2, 0, 0.1, 0], load={"x1": 0.3}, nu=0.9, tolerance=1e-8
+        )
+        assert run(end) == pytest.approx(run.state[-1], abs=1e-12)
+        with pytest.raises(vv.InputError, match="must be in"):
+            run(end * (1 + 1e-9))

@@ -31,6 +31,8 @@ OUTCOMES = ("completed", "diverged", "unphysical", "stopped", "step too large", 
 
 #: Steps between the states of a trajectory may differ by this part, which is rounding of times.
 _UNEVEN = 1e-9
+#: Part of the end of a run by which times may lie behind it.
+_ROUNDING = 1e-14
 
 
 def spacing(t: FloatArray) -> float:
@@ -144,7 +146,9 @@ class Trajectory(Result):
         times = _native.real_array("t", t)
         if times.ndim > 1:
             raise InputError(f"t: must be a number or have shape (n,), got {times.shape}")
-        wanted, back = np.unique(times, return_inverse=True)
+        # So many steps may end a rounding before the time that was asked for.
+        ends = (times > self.t_reached) & (times <= self.t_reached * (1 + _ROUNDING))
+        wanted, back = np.unique(np.where(ends, self.t_reached, times), return_inverse=True)
         if wanted.size and not (wanted[0] >= 0 and wanted[-1] <= self.t_reached):
             outside = wanted[0] if wanted[0] < 0 else wanted[-1]
             raise InputError(f"t = {outside:g}: must be in [0, {self.t_reached:g}], the run")
