@@ -4,8 +4,11 @@
 !! Unknown d is measured in C_d = sqrt(sum_j |r_dj|^2/|l_j A_2 r_j|), r_j and l_j the vectors of
 !! the modes without damping and memory: for mass-normalised shapes of coordinates this is
 !! sqrt((M^-1)_dd), a length for a length, an angle for an angle and, of hereditary variables,
-!! a force for a force. Equations are divided by their largest linear term at the highest
-!! natural frequency. Factors are powers of two: nothing is rounded.
+!! a force for a force. They follow the caller's units, so that what is compared is the same in all
+!! of them: by powers of two the ratio of two amplitudes would depend on the units, and with it
+!! what counts as resonant. C is rounded to few digits: coordinates that are alike get the same.
+!! Equations are divided by their largest linear term at the highest natural frequency, by powers
+!! of two: nothing is compared between them.
 module viscovib_natural_units
   use viscovib_kinds, only: wp
   use viscovib_polynomial_form, only: polynomial_form_type
@@ -20,12 +23,12 @@ contains
     type(polynomial_form_type), intent(inout) :: form
     !> Factors of equations and units of unknowns, shape (n).
     real(wp), allocatable, intent(out) :: rows(:), columns(:)
-    !> The units of unknowns before they are made powers of two, shape (n).
+    !> The units of unknowns before they are rounded, shape (n).
     real(wp), allocatable, intent(out) :: units(:)
     integer :: i, j, k
 
     units = units_of_unknowns(form)
-    columns = power_of_two(units)
+    columns = few_digits(units)
     rows = factors_of_equations(form, columns)
     do k = 0, 2
       form%linear(:, :, k) = in_units(form%linear(:, :, k))
@@ -99,6 +102,13 @@ contains
       rows = 1.0_wp
     end where
   end function factors_of_equations
+
+  !> Rounded to 20 binary digits.
+  elemental real(wp) function few_digits(x)
+    real(wp), intent(in) :: x
+    integer, parameter :: digits_kept = 20
+    few_digits = scale(anint(scale(fraction(x), digits_kept)), exponent(x) - digits_kept)
+  end function few_digits
 
   elemental real(wp) function power_of_two(x)
     real(wp), intent(in) :: x

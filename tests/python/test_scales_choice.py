@@ -314,3 +314,40 @@ def test_tongues_that_reach_far():
             # Motions of a fifth of the length: what follows is of that size.
             np.testing.assert_allclose(found.resting_growth[0], around[1], rtol=0.25)
     assert growing >= 3
+
+
+def in_units(units, time, force, mass, stiffness, forces, load):
+    """Return harmonics, errors and what is sure of one system, measured in these units."""
+    n, both = units.size, np.outer(units, units) * force
+    monomials = [
+        vv.Monomial(
+            coefficient=c * force * units[i] ** (p + 1), powers=tuple(p * np.eye(n, dtype=int)[i]),
+            on=i,
+        )
+        for (i, p), c in forces.items()
+    ]  # fmt: skip
+    system = vv.PolynomialSystem(
+        mass=both * mass / time**2, damping=both * 0.02 * stiffness / time,
+        stiffness=both * stiffness, forces=monomials,
+    )  # fmt: skip
+    scales = vv.MultipleScales(system, load=load * units * force, nu=time)
+    found = scales.response("nu", np.linspace(0.3, 3, 8) * time)
+    return abs(found.harmonics) * units, found.growth_error / time, found.decided, found.stable
+
+
+@pytest.mark.parametrize("seed", [1, 23, 33, 36, 41, 43, 50, 51])
+def test_the_choice_does_not_depend_on_units(seed):
+    """Each length, time and force in random units: the same terms, the same answer."""
+    rng = np.random.default_rng([77, seed])
+    n = 2 + seed % 2
+    a, b = rng.normal(size=(2, n, n))
+    mass, stiffness = np.eye(n) + 0.2 * a @ a.T / n, np.diag(rng.uniform(0.5, 3, n)) + 0.3 * b @ b.T
+    cubic, quadratic = rng.uniform(-0.5, 0.5, (2, n))
+    forces = {(i, 3): cubic[i] for i in range(n)} | {(i, 2): quadratic[i] for i in range(n)}
+    given = mass, stiffness, forces, rng.normal(size=n) * 0.05
+    plain = in_units(np.ones(n), 1.0, 1.0, *given)
+    other = in_units(np.exp(rng.uniform(-5, 5, n)), *np.exp(rng.uniform(-5, 5, 2)), *given)
+    np.testing.assert_allclose(other[0], plain[0], rtol=0, atol=1e-7 * plain[0].max())
+    np.testing.assert_allclose(other[1], plain[1], rtol=1e-4, atol=1e-12)
+    np.testing.assert_array_equal(other[2], plain[2])
+    np.testing.assert_array_equal(other[3], plain[3])

@@ -347,12 +347,15 @@ def _scales(rng, one, two):
 
     def judge(names, told):
         p, q = names["p"], names["q"]
-        # What is near to a limit may be chosen otherwise: natural units are powers of two.
+        # A motion at the edge of what is kept may be told by one only.
         if p.index.size != q.index.size or p.n_beats.any() or q.n_beats.any():
             return
         sizes = [np.abs(d.back(r.harmonics)) for r, d in ((p, one), (q, two))]
-        admitted = 3 * np.abs(p.order_sizes[:, 2]).max() + 1e-9 * sizes[0].max()
-        yield Claim("harmonics", sizes[1], sizes[0], admitted, damage=10.0)
+        # The same terms are resonant in all units.
+        yield Claim("harmonics", sizes[1], sizes[0], 1e-6 * sizes[0].max(), damage=1e-3)
+        for i in range(len(p.index)):
+            pair = float(q.growth_error[i] / two.time), float(p.growth_error[i])
+            yield Claim("growth_error", *pair, 1e-3 * pair[1] + 1e-12, damage=1.0)
         for i in np.flatnonzero(p.decided & q.decided & p.in_range & q.in_range):
             yield Claim("stable", bool(q.stable[i]), bool(p.stable[i]))
 

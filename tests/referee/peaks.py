@@ -136,6 +136,13 @@ at, amplitude, enclosed = peak.nu, peak.amplitude, peak.enclosed
     return Case(call, judge)
 
 
+def _beside(nu, found, at):
+    """Return the higher of the two samples that a place is between."""
+    left = np.where(np.isfinite(found) & (nu <= at), nu, -np.inf).argmax()
+    right = np.where(np.isfinite(found) & (nu >= at), nu, np.inf).argmin()
+    return int(max((left, right), key=lambda i: np.nan_to_num(found[i], nan=-1.0)))
+
+
 def _nonlinear(rng, index):
     """Sweeps that may jump."""
     if index % 3 == 0:
@@ -154,7 +161,6 @@ def _nonlinear(rng, index):
 r = vv.forced_response(system, np.linspace({low}, {high}, {n}){order}, load={size}, method="newton")
 peak = r.peak({dof!r})
 at, amplitude, enclosed = peak.nu, peak.amplitude, peak.enclosed
-i = int(np.nanargmin(abs(r.nu - at) - 1e-9 * (r.amplitude({dof!r}) > 0.9 * amplitude)))
 found, nu, orders, near = r.amplitude({dof!r}), r.nu, r.harmonics, r.coefficients
 """
 
@@ -169,11 +175,23 @@ found, nu, orders, near = r.amplitude({dof!r}), r.nu, r.harmonics, r.coefficient
         if not names["enclosed"]:
             return
         load = {1: np.array([size] + [0.0] * (model.n - 1))}
-        i = int(np.nanargmax(found))
         top = max(11, int(names["orders"].max()))
-        if np.isfinite(found[i]):
-            best = _summit(model, names["near"][i], names["orders"], names["nu"][i], load, top)
-            yield from _of_summit(names, best, 1e-5)
+
+        def summit(i):
+            return _summit(model, names["near"][i], names["orders"], names["nu"][i], load, top)
+
+        # Of several resonances the highest is not always that of the highest sample.
+        highest, beside = int(np.nanargmax(found)), _beside(names["nu"], found, names["at"])
+        yield from _of_summit(names, summit(beside), 1e-5)
+        if beside == highest or not 0 < highest < found.size - 1:
+            return
+        other, around = summit(highest), names["nu"][[highest - 1, highest + 1]]
+        if other is not None and around.min() < other[0] < around.max():
+            yield Claim(
+                "no lower than another summit",
+                bool(names["amplitude"] >= other[1] * (1 - 1e-5)),
+                True,
+            )
 
     return Case(call, judge)
 
