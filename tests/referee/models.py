@@ -244,6 +244,33 @@ def integrate(
     return out
 
 
+def escape(
+    right: Callable[[float, Array], Array],
+    y: Array,
+    n: int,
+    end: float,
+    breaks: Sequence[float] = (),
+) -> float | None:
+    """When one of n coordinates, the first of a state, passes 1e5; None: not before the end."""
+
+    def far(t: float, x: Array) -> float:
+        return float(np.abs(x[:n]).max()) - 1e5
+
+    far.terminal = True  # type: ignore[attr-defined]
+    begin = 0.0
+    for until in sorted({b for b in breaks if 0 < b < end} | {end}):
+        found = solve_ivp(
+            lambda t, x, a=begin, b=until: right(min(max(t, a + 1e-13 * (b - a)), b - 1e-13 * (b - a)), x),
+            (begin, until), y, method="DOP853", rtol=1e-11, atol=1e-12, events=far,
+        )  # fmt: skip
+        if found.t_events[0].size:
+            return float(found.t_events[0][0])
+        if not found.success:
+            return float(found.t[-1])
+        y, begin = found.y[:, -1], until
+    return None
+
+
 @dataclass(frozen=True)
 class Term:
     """coefficient * prod u^powers in equation ``on``."""

@@ -31,6 +31,8 @@ _SAFETY = 8.0
 _GAIN = 64.0
 #: States that a run which stops keeps at least, by so many parts of a step at most.
 _STATES_AT_STOP, _MOST_PARTS = 100, 64
+#: Halvings of the step by which these states are made exact, before they are given up.
+_HALVINGS_AT_STOP = 6
 #: What a run keeps of each time.
 _KEPT = ("t", "state", "deflections", "rates")
 
@@ -105,7 +107,7 @@ def by_tolerance(
             # Where it stops is found by the same small steps every time.
             change = max(change, LOCATED * max(1.0, fine.t_reached))
             if dense:
-                ends = _with_more_states(make, ends, factor)
+                ends, change = _with_more_states(make, ends, factor, change, want)
             return _found(ends, change, partial(_plan_of, first, want))
         changes.append(change)
         before, coarse, held = ends_before, fine, parts
@@ -116,16 +118,33 @@ def by_tolerance(
 
 
 def _with_more_states(
-    make: Callable[[int, int], Trajectory], run: Trajectory, factor: int
-) -> Trajectory:
-    """A run that stops soon, with enough states on the way to be looked at."""
+    make: Callable[[int, int], Trajectory],
+    run: Trajectory,
+    factor: int,
+    change: float,
+    want: Accuracy,
+) -> tuple[Trajectory, float]:
+    """A run that stops soon, with enough states on the way to be looked at, and its error.
+
+    Some of them are nearer to the stop than all that were compared. Where a motion runs away
+    errors grow with it, so they are compared with those of runs in shorter steps.
+    """
     parts = 1
     while parts < _MOST_PARTS and parts * max(run.t.size - 1, 1) < _STATES_AT_STOP:
         parts *= 2
     if parts == 1 or _keeps_all(run):
-        return run
-    more = make(max(factor, parts), parts)
-    return more if more.outcome == run.outcome else run
+        return run, change
+    steps = max(factor, parts)
+    finer = make(steps, parts)
+    for _ in range(_HALVINGS_AT_STOP):
+        steps *= 2
+        more, finer = finer, make(steps, parts)
+        if finer.outcome != run.outcome:
+            break
+        error = difference(more, finer)
+        if error <= _allowed_at_stop(finer, want):
+            return finer, max(change, error)
+    return run, change
 
 
 def _found(run: Trajectory, change: float, told: Callable[[], Plan]) -> Trajectory:
