@@ -29,6 +29,7 @@ finer = vv.backbone(system, {mode}, ({top / 100}, {top}), harmonics=2 * int(curv
 fine, fine_orders, fine_nu, fine_outcome = finer.coefficients, finer.harmonics, finer.nu, finer.outcome
 folds = curve.folds
 nu, start, outcome, truncation = curve.nu, curve.start, curve.outcome, curve.truncation
+fine_truncation = finer.truncation
 amplitude = curve.amplitude({model.names[0]!r})
 coefficients, orders = curve.coefficients, curve.harmonics
 """
@@ -40,10 +41,7 @@ coefficients, orders = curve.coefficients, curve.harmonics
         yield Claim(
             "completed", names["outcome"], "returned" if ended == "returned" else "completed"
         )
-        # A curve of far too few orders may pass a resonance of high ones on another side.
-        both = names["outcome"] == names["fine_outcome"] == "completed"
-        if both and not names["folds"].size and names["truncation"].max() < 1e-3:
-            yield from _against_finer(names, model.mass)
+        yield from _of_both(names, model.mass)
         first = list(names["orders"]).index(1)
         own = np.abs(names["coefficients"][:, 0, first])
         yield Claim("amplitude", names["amplitude"], own, 1e-14 * own + 1e-300)
@@ -51,20 +49,7 @@ coefficients, orders = curve.coefficients, curve.harmonics
         yield Claim("start", names["start"], own, 1e-14 * np.abs(own).max())
         n = len(names["nu"])
         i = n - 1 if ended == "returned" else int(draw.integers(n))
-        u = names["start"][i]
-        y = np.concatenate([u, 0 * u])
-        period = 2 * np.pi / names["nu"][i]
-        back = integrate(model.equations(None), y, np.array([period]))[0]
-        size = np.abs(u).max()
-        estimate = names["truncation"][i]
-        admitted = 100 * estimate + 1e-8
-        yield Claim(
-            "periodic from rest",
-            1 + np.abs(back - y).max() / size,
-            1.0,
-            admitted,
-            damage=max(1e-6, 100 * admitted),
-        )
+        yield _periodic(model, names, i)
         if index % 4 == 0:
             linear = np.sqrt(np.linalg.eigvals(np.linalg.solve(model.mass, model.stiffness)).real)
             nearest = np.sort(linear)[mode]
@@ -78,6 +63,45 @@ coefficients, orders = curve.coefficients, curve.harmonics
             )
 
     return Case(call, judge, may_refuse=True)
+
+
+def _periodic(model, names, i):
+    """Whether the true motion from a start comes back; where no integrator can tell, its defect.
+
+    An error of the start, and every rounding, grows by the largest multiplier in a period.
+    """
+    nu, k, x = names["nu"][i], names["orders"], names["coefficients"][i]
+    estimate, period = names["truncation"][i], 2 * np.pi / names["nu"][i]
+
+    def motion(t):
+        return (np.exp(1j * nu * np.outer(t, k)) @ x.T).imag
+
+    grown = np.linalg.eigvals(magnus(lambda t: model.linearised(motion(t)), period, 400))
+    admitted = (100 * estimate + 1e-8) * max(1.0, np.abs(grown).max())
+    if admitted < 0.1 or np.abs(grown).max() < 1e3:
+        u = names["start"][i]
+        y = np.concatenate([u, 0 * u])
+        back = integrate(model.equations(None), y, np.array([period]))[0]
+        off, what = np.abs(back - y).max() / np.abs(u).max(), "periodic from rest"
+    else:
+        t = period * np.arange(8 * k.max()) / (8 * k.max())
+        pull = ((np.exp(1j * nu * np.outer(t, k)) * (k * nu) ** 2) @ x.T).imag @ model.mass.T
+        force = sum(g.force(motion(t)) for g in model.groups)
+        off = np.abs(force - pull).max() / np.abs(pull).max()
+        # Orders that are left out are felt by their accelerations.
+        admitted, what = (100 * estimate + 1e-12) * k.max() ** 2, "defect of an unstable motion"
+    return Claim(what, 1 + off, 1.0, admitted, damage=max(1e-6, 100 * admitted))
+
+
+def _of_both(names, mass):
+    """Judge the truncation where the curve of more orders is the same and knows better.
+
+    A curve of far too few orders may pass a resonance of high ones on another side.
+    """
+    both = names["outcome"] == names["fine_outcome"] == "completed"
+    right = max(names["truncation"].max(), names["fine_truncation"].max()) < 1e-3
+    if both and right and not names["folds"].size:
+        yield from _against_finer(names, mass)
 
 
 def _against_finer(names, mass):
@@ -105,6 +129,7 @@ curve = vv.backbone(system, {mode}, {ends}, max_points=300)
 finer = vv.backbone(system, {mode}, {ends}, harmonics=2 * int(curve.harmonics[-1]) + 1, tolerance=1e-13, max_points=300)
 fine, fine_orders, fine_nu, fine_outcome = finer.coefficients, finer.harmonics, finer.nu, finer.outcome
 nu, start, outcome, energy, truncation = curve.nu, curve.start, curve.outcome, curve.energy, curve.truncation
+fine_truncation, folds = finer.truncation, curve.folds
 stable, multipliers, growing = curve.stable, curve.multipliers, curve.growing
 coefficients, orders = curve.coefficients, curve.harmonics
 """
@@ -114,9 +139,7 @@ coefficients, orders = curve.coefficients, curve.harmonics
         curve = names["curve"]
         for column in (curve.nu, curve.energy, curve.coefficients, curve.truncation):
             yield Claim("numbers", bool(np.isfinite(column).all()), True)
-        both = names["outcome"] == names["fine_outcome"] == "completed"
-        if both and not curve.folds.size and names["truncation"].max() < 1e-3:
-            yield from _against_finer(names, np.eye(3))
+        yield from _of_both(names, np.eye(3))
         i = int(draw.integers(len(names["nu"])))
         u = names["start"][i]
         y = np.zeros(6)
