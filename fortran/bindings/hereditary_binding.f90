@@ -129,7 +129,7 @@ subroutine mount_simulate(flat, n_flat, kind_x, data_x, n_x, kind_phi, data_phi,
         ! Watched motions have all coordinates computed.
         if (n_watch > 1) then
           allocate (watch)
-          call new_watch(watch, watched, sides)
+          call new_watch(watch, watched, sides, run%n_observed())
         end if
         call run_hereditary(run, system, load, base, first, n_steps, save_every, times, states, &
                             at_times, n_done, n_reached, t_reached, ended, mesh, resume == 2, watch)

@@ -90,7 +90,7 @@ subroutine structure_simulate(elements, n_elements, squares, rates, n, seen, pus
   n_iterations = 0
   resolution = 0.0_c_double
   ended = 0
-  found = 0.0_c_double
+  ! Of `found`, columns beyond n_found are not set: it is larger than all else here.
   n_found = 0
   reason = begun
   call polynomial_from_vector(system, elements, outcome)
@@ -146,7 +146,7 @@ subroutine structure_simulate(elements, n_elements, squares, rates, n, seen, pus
       if (.not. made) reason = step_too_large
     end if
     if (reason == begun) then
-      call new_watch(watch, watched, sides)
+      call new_watch(watch, watched, sides, run%n_observed())
       call run_hereditary(run, system, load, base, first, n_steps, save_every, times, states, &
                           at_times, n_done, n_reached, t_reached, ended, mesh, resume == 2, watch)
       call watch%hand_over(sides, found, n_found)

@@ -207,7 +207,7 @@ contains
     trajectory%h = job%t_end/real(n, wp)
     if (allocated(job%watched)) then
       allocate (trajectory%watch)
-      call new_watch(trajectory%watch, job%watched)
+      call new_watch(trajectory%watch, job%watched, n_dof=size(u))
     end if
     allocate (states(size(self%first), merge(0_i8, n/every, job%last_only)))
     do i = 1, 2
@@ -228,7 +228,7 @@ contains
       if (allocated(shortest) .or. size(self%system%kernels) == 0) exit
       ! Where it stops is seen by steps that the exponentials were not fitted for.
       shortest = scale(trajectory%h, -14)
-      if (allocated(job%watched)) call new_watch(trajectory%watch, job%watched)
+      if (allocated(job%watched)) call new_watch(trajectory%watch, job%watched, n_dof=size(u))
     end do
     if (job%last_only) then
       trajectory%t = [trajectory%t_reached]

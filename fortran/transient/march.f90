@@ -7,7 +7,7 @@ module viscovib_march
   implicit none
   private
 
-  public :: march_type
+  public :: march_type, inside_each
 
   !> Why no run can be made.
   integer, parameter, public :: begun = 0, no_exponentials = 1, step_too_large = 2, no_integral = 3
@@ -26,6 +26,7 @@ module viscovib_march
     procedure(state_interface), deferred :: get_state
     procedure(observe_interface), deferred :: observe
     procedure(inside_interface), deferred :: inside
+    procedure :: inside_part => inside_each
     procedure(real_interface), deferred :: furthest
     procedure(real_interface), deferred :: resolution
     procedure(size_interface), deferred :: n_observed
@@ -138,5 +139,30 @@ module viscovib_march
     end subroutine load_interface
 
   end interface
+
+contains
+
+  !> Some coordinates and their velocities at places of a part of the last step.
+  subroutine inside_each(self, begin, width, points, which, u, v)
+    class(march_type), intent(inout) :: self
+    !> The part, in [0, 1], and places in it, in [0, 1] too.
+    real(wp), intent(in) :: begin, width, points(:)
+    !> Places among what `observe` returns.
+    integer, intent(in) :: which(:)
+    !> Shape (size(points), size(which)).
+    real(wp), intent(out) :: u(:, :), v(:, :)
+    real(wp) :: all_u(self%n_observed()), all_v(self%n_observed()), x
+    integer :: i
+    do i = 1, size(points)
+      x = begin + width*points(i)
+      if (x < 1.0_wp) then
+        call self%inside(x, all_u, all_v)
+      else
+        call self%observe(all_u, all_v)
+      end if
+      u(i, :) = all_u(which)
+      v(i, :) = all_v(which)
+    end do
+  end subroutine inside_each
 
 end module viscovib_march

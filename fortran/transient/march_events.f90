@@ -5,9 +5,11 @@
 !! A step is searched in parts. Of each the signals are sampled at the nodes of Gauss's rule and at
 !! both ends. A part is halved until each signal either is its interpolant, the last coefficients
 !! in Legendre polynomials being small, or stays on its side by more than these. A passage found by
-!! the interpolant is then found again by the motion itself.
+!! the interpolant is then found again by the motion itself: by Newton's method with the slope of
+!! the interpolant, where that is hardly wrong, else by bisection.
 module viscovib_march_events
   use viscovib_base_motion, only: base_motion_type
+  use viscovib_event_search, only: signal_along
   use viscovib_kinds, only: wp
   use viscovib_march, only: march_type
   use viscovib_quadrature, only: gauss_nodes, legendre
@@ -26,6 +28,9 @@ module viscovib_march_events
   real(wp), parameter :: resolved = 1.0e-9_wp, clear = 10.0_wp
   !> Halvings at most: a signal with a kink or a jump is its interpolant nowhere beside it.
   integer, parameter :: most_halvings = 16
+  !> Parts of a part of a step: within which the slope of an interpolant is taken, and by which a
+  !! passage may differ by the motion itself; and of a place, by which it is exact.
+  real(wp), parameter :: closely = 1.0e-4_wp, nearly = 1.0e-6_wp, exactly = 1.0e-12_wp
 
 contains
 
@@ -38,30 +43,27 @@ contains
     real(wp), intent(inout) :: t_reached
     integer, intent(inout) :: outcome
     real(wp) :: u(run%n_observed()), v(run%n_observed())
-    real(wp) :: nodes(n_nodes), last(n_nodes, 2)
     real(wp) :: largest(size(watch%signals)), begin, width, place
     type(step_path) :: path
     type(passage_type), allocatable :: found(:)
     integer :: i
 
     if (size(watch%signals) == 0) return
-    call coefficients_of_nodes(nodes, last)
-    call new_path(path, [0.0_wp, nodes, 1.0_wp])
-    allocate (path%q(n_nodes + 2, size(u)), path%v(n_nodes + 2, size(u)))
+    if (.not. allocated(watch%path)) call prepare(watch, size(u))
+    path = watch%path
     largest = watch%largest
     begin = 0.0_wp
     width = 1.0_wp
     do while (begin < 1.0_wp)
       call sample()
-      do while (width > 0.5_wp**most_halvings .and. .not. follows(watch, path, last, largest))
+      do while (width > 0.5_wp**most_halvings .and. .not. follows(watch, path, largest))
         width = 0.5_wp*width
         call sample()
       end do
       call watch%look(path, .false., found)
       do i = 1, size(found)
         place = begin + width*found(i)%place
-        call settle(place)
-        call body_at(run, base, from, now, place, u, v)
+        call settle(run, base, watch, path, found(i), from, now, begin, width, place, u, v)
         t_reached = from + place*(now - from)
         call watch%keep(found(i)%which, t_reached, u, v)
         if (.not. watch%terminal(found(i)%which)) cycle
@@ -80,27 +82,47 @@ contains
       integer :: k
       path%start = from + begin*(now - from)
       path%h = width*(now - from)
+      call run%inside_part(begin, width, path%points, watch%reads, path%q, path%v)
+      if (.not. base%moves()) return
       do k = 1, n_nodes + 2
-        call body_at(run, base, from, now, begin + width*path%points(k), u, v)
-        path%q(k, :) = u
-        path%v(k, :) = v
+        u = 0.0_wp
+        v = 0.0_wp
+        call base%add_to(path%start + path%points(k)*path%h, u, v)
+        path%q(k, :) = path%q(k, :) + u(watch%reads)
+        path%v(k, :) = path%v(k, :) + v(watch%reads)
       end do
     end subroutine sample
 
-    !> The place of a passage by the motion itself, near to that by the interpolant of a part.
-    subroutine settle(x)
-      real(wp), intent(inout) :: x
-      real(wp) :: low, high, reach, middle
-      integer :: k
+  end subroutine look_inside
 
-      reach = 4.0_wp*epsilon(1.0_wp)*max(x, width)
-      do k = 1, 12
-        low = max(x - reach, begin)
-        high = min(x + reach, begin + width)
-        if (.not. beyond(low) .and. beyond(high)) exit
-        reach = 8.0_wp*reach
-      end do
-      if (k > 12) return
+  !> The place of a passage by the motion itself, near to that by the interpolant of a part, and
+  !! the state there.
+  subroutine settle(run, base, watch, path, passage, from, now, begin, width, x, u, v)
+    class(march_type), intent(inout) :: run
+    type(base_motion_type), intent(in) :: base
+    type(watch_type), intent(in) :: watch
+    !> The part, the passage in it, ends of the step, the part in it.
+    type(step_path), intent(in) :: path
+    type(passage_type), intent(in) :: passage
+    real(wp), intent(in) :: from, now, begin, width
+    real(wp), intent(inout) :: x
+    real(wp), intent(out) :: u(:), v(:)
+    real(wp) :: low, high, reach, middle, first
+    logical :: settled
+    integer :: k
+
+    first = x
+    call by_slope(x, settled)
+    if (settled) return
+    x = first
+    reach = 4.0_wp*epsilon(1.0_wp)*max(x, width)
+    do k = 1, 12
+      low = max(x - reach, begin)
+      high = min(x + reach, begin + width)
+      if (.not. beyond(low) .and. beyond(high)) exit
+      reach = 8.0_wp*reach
+    end do
+    if (k <= 12) then
       do k = 1, 60
         middle = 0.5_wp*(low + high)
         if (middle <= low .or. middle >= high) exit
@@ -111,21 +133,77 @@ contains
         end if
       end do
       x = high
-    end subroutine settle
+    end if
+    call body_at(run, base, from, now, x, u, v)
+
+  contains
+
+    !> Newton's method; `settled`: it has converged, (u, v) is the state at x.
+    subroutine by_slope(x, settled)
+      real(wp), intent(inout) :: x
+      logical, intent(out) :: settled
+      real(wp) :: g(2), beside(2), off, before, ahead
+      integer :: k
+
+      settled = .false.
+      if (width <= 0.5_wp**most_halvings) return
+      associate (local => (x - begin)/width, signal => watch%signals(passage%which))
+        beside = min(max([local - closely, local + closely], 0.0_wp), 1.0_wp)
+        call signal_along(signal, path, beside, g)
+        if (.not. passage%side*(g(2) - g(1)) < 0.0_wp) return
+        ahead = (beside(2) - beside(1))*width/(g(2) - g(1))
+      end associate
+      before = nearly*width
+      do k = 1, 4
+        off = -value_at(x)*ahead
+        if (.not. abs(off) <= before) return
+        ! What is left is below rounding of the time, and changes no digit of the state.
+        if (abs(off) <= exactly*max(x, width)) then
+          u = u + off*(now - from)*v
+          x = x + off
+          settled = .true.
+          return
+        end if
+        x = min(max(x + off, begin), begin + width)
+        before = 1.0e-2_wp*abs(off)
+      end do
+    end subroutine by_slope
 
     !> Whether the signal of the present passage has passed 0 at a place.
     logical function beyond(x)
       real(wp), intent(in) :: x
-      real(wp) :: g(1)
-      call body_at(run, base, from, now, x, u, v)
-      associate (signal => watch%signals(found(i)%which))
-        call signal%at([from + x*(now - from)], reshape(u, [1, size(u)]), &
-                       reshape(v, [1, size(v)]), g)
-      end associate
-      beyond = found(i)%side*g(1) < 0.0_wp
+      beyond = passage%side*value_at(x) < 0.0_wp
     end function beyond
 
-  end subroutine look_inside
+    !> The signal of the present passage at a place; the state there is (u, v).
+    real(wp) function value_at(x)
+      real(wp), intent(in) :: x
+      real(wp) :: g(1)
+      call body_at(run, base, from, now, x, u, v)
+      associate (which => watch%reads, signal => watch%signals(passage%which))
+        call signal%at([from + x*(now - from)], reshape(u(which), [1, size(which)]), &
+                       reshape(v(which), [1, size(which)]), g)
+      end associate
+      value_at = g(1)
+    end function value_at
+
+  end subroutine settle
+
+  !> Places in parts, made once.
+  subroutine prepare(watch, n)
+    type(watch_type), intent(inout) :: watch
+    !> Coordinates that are observed.
+    integer, intent(in) :: n
+    real(wp) :: nodes(n_nodes)
+    integer :: i
+    if (.not. allocated(watch%reads)) watch%reads = [(i, i=1, n)]
+    allocate (watch%path, watch%last(n_nodes, 2))
+    call coefficients_of_nodes(nodes, watch%last)
+    call new_path(watch%path, [0.0_wp, nodes, 1.0_wp])
+    associate (columns => size(watch%reads))
+      allocate (watch%path%q(n_nodes + 2, columns), watch%path%v(n_nodes + 2, columns))
+    end associate
+  end subroutine prepare
 
   !> State of the body at a place of the step.
   subroutine body_at(run, base, from, now, x, u, v)
@@ -142,11 +220,10 @@ contains
   end subroutine body_at
 
   !> Whether the interpolants of a part tell all passages.
-  logical function follows(watch, path, last, largest)
+  logical function follows(watch, path, largest)
     type(watch_type), intent(in) :: watch
     type(step_path), intent(in) :: path
-    !> What makes of a signal at the nodes its last coefficients; largest values so far.
-    real(wp), intent(in) :: last(:, :)
+    !> Largest values so far.
     real(wp), intent(inout) :: largest(:)
     real(wp) :: g(n_nodes + 2), rest
     integer :: k
@@ -155,7 +232,7 @@ contains
     do k = 1, size(watch%signals)
       call watch%signals(k)%at(path%start + path%h*path%points, path%q, path%v, g)
       largest(k) = max(largest(k), maxval(abs(g)))
-      rest = sum(abs(matmul(g(2:n_nodes + 1), last)))
+      rest = sum(abs(matmul(g(2:n_nodes + 1), watch%last)))
       if (rest <= resolved*largest(k)) cycle
       if (watch%sides(k) == 0 .or. .not. minval(watch%sides(k)*g) > clear*rest) follows = .false.
     end do

@@ -13,7 +13,8 @@ module viscovib_pole_maps
   implicit none
   private
 
-  public :: add_pole_points, new_pole_map, move_poles, pole_map_type, pole_rates, poles_inside
+  public :: add_pole_points, new_pole_map, move_poles, pole_gain, pole_map_type, pole_rates
+  public :: pole_wave, poles_inside
   public :: poles_type, rates_at_once, seen_at_once, seen_of_poles
 
   type :: poles_type

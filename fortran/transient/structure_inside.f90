@@ -16,9 +16,11 @@ module viscovib_structure_inside
 contains
 
   !> Modes and their velocities a time `ahead` after the start of a part.
-  subroutine state_inside(part, sections, ahead, q, v, z, z_rate)
+  subroutine state_inside(part, sections, usual, ahead, q, v, z, z_rate)
     type(part_type), intent(in) :: part
     type(sections_type), intent(in) :: sections
+    !> Of steps; parts of a first step have their own.
+    type(collocation_type), intent(in) :: usual
     real(wp), intent(in) :: ahead
     !> Shape (n).
     real(wp), intent(out) :: q(:), v(:)
@@ -36,7 +38,11 @@ contains
     v = part%v
     z = part%z
     if (.not. ahead > 0.0_wp) return
-    call new_collocation(table, part%s)
+    if (part%s == usual%s) then
+      table = usual
+    else
+      call new_collocation(table, part%s)
+    end if
     orders = matmul(legendre_of_nodes(table, ahead/part%length), part%forces)
     call split_phase(sections%frequencies, part%start, high, low)
     do m = 1, size(q)

@@ -17,12 +17,13 @@ module viscovib_structure_march
   use viscovib_history, only: history_type
   use viscovib_kinds, only: wp
   use viscovib_known_past, only: known_past_type, new_known_past
-  use viscovib_march, only: begun, no_exponentials, no_integral, step_too_large
+  use viscovib_march, only: begun, inside_each, no_exponentials, no_integral, step_too_large
   use viscovib_memory_channels, only: channels_type, new_channels
   use viscovib_modal_maps, only: sections_type
   use viscovib_oscillator, only: oscillator_type
   use viscovib_step_equations, only: new_step_equations, step_equations_type
   use viscovib_structure_inside, only: state_inside
+  use viscovib_structure_places, only: places_type
   use viscovib_structure_settle, only: settle_at_once
   use viscovib_structure_state, only: padded_rows, padded_sections, set_state, show_state, &
     start_state, state_type
@@ -65,6 +66,8 @@ module viscovib_structure_march
     !> The last step in parts, and how many there are.
     type(part_type), allocatable, private :: parts(:)
     integer, private :: n_parts = 0
+    !> What events look at in every step.
+    type(places_type), private :: places
     !> Room for a step.
     real(wp), allocatable, private :: points(:, :), g(:, :), values(:), columns(:), recalled(:)
   contains
@@ -76,6 +79,7 @@ module viscovib_structure_march
     procedure :: get_state
     procedure :: observe
     procedure :: inside
+    procedure :: inside_part
     procedure :: furthest
     procedure :: resolution
     procedure :: n_observed
@@ -393,10 +397,29 @@ contains
       if (self%parts(k + 1)%start - begin > ahead) exit
       k = k + 1
     end do
-    call state_inside(self%parts(k), self%sections, ahead - (self%parts(k)%start - begin), q, w, &
-                      z, z_rate)
+    call state_inside(self%parts(k), self%sections, self%table, &
+                      ahead - (self%parts(k)%start - begin), q, w, z, z_rate)
     call show_state(self%sections, self%shown, self%shown_left, q, w, z, z_rate, u, v)
   end subroutine inside
+
+  !> As of a `march_type`; of a step of one part by maps that are made once.
+  subroutine inside_part(self, begin, width, points, which, u, v)
+    class(structure_march_type), intent(inout) :: self
+    real(wp), intent(in) :: begin, width, points(:)
+    integer, intent(in) :: which(:)
+    real(wp), intent(out) :: u(:, :), v(:, :)
+    logical :: known
+    known = .false.
+    if (self%n_parts == 1) then
+      associate (part => self%parts(1))
+        if (part%s == self%table%s .and. abs(part%length - self%h) <= 0.0_wp) then
+          call self%places%look(part, self%sections, self%shown, self%shown_left, self%table, &
+                                begin, width, points, which, u, v, known)
+        end if
+      end associate
+    end if
+    if (.not. known) call inside_each(self, begin, width, points, which, u, v)
+  end subroutine inside_part
 
   pure real(wp) function furthest(self)
     class(structure_march_type), intent(in) :: self

@@ -25,6 +25,12 @@ module viscovib_watch
 
   type :: watch_type
     type(signal_type), allocatable :: signals(:)
+    !> Coordinates that the signals' states hold; not allocated: all of them.
+    integer, allocatable :: reads(:)
+    !> Places in parts of steps that are searched, and what makes of a signal there its last
+    !! coefficients (`viscovib_march_events`), once they are made.
+    type(step_path), allocatable :: path
+    real(wp), allocatable :: last(:, :)
     !> Passages that count: upwards 1, downwards -1, 0 both; whether the run ends there.
     integer, allocatable :: direction(:)
     logical, allocatable :: terminal(:)
@@ -48,15 +54,23 @@ contains
 
   !> From numbers: how many; of each, direction, 1 if terminal, how many instructions, and code
   !! and number of each, arguments being the state (q_1, v_1, q_2, ...) and the time.
-  subroutine new_watch(watch, vector, sides)
+  subroutine new_watch(watch, vector, sides, n_dof)
     type(watch_type), intent(out) :: watch
     real(wp), intent(in) :: vector(:)
     !> Of each, its side and a power of 2 not above its largest value so far; without: a run begins.
     integer, intent(in), optional :: sides(:)
+    !> Signals are given the states of those of so many coordinates alone that they read.
+    integer, intent(in), optional :: n_dof
+    real(wp) :: numbers(size(vector))
     integer :: i, k, m, n
 
     n = 0
     if (size(vector) > 0) n = nint(vector(1))
+    numbers = vector
+    if (present(n_dof) .and. n > 0) then
+      watch%reads = pack([(i, i=1, n_dof)], coordinates_read(vector, n_dof))
+      numbers = renumbered(vector, n_dof, watch%reads)
+    end if
     allocate (watch%signals(n), watch%direction(n), watch%terminal(n))
     allocate (watch%largest(n), source=0.0_wp)
     if (present(sides)) then
@@ -69,11 +83,11 @@ contains
     end if
     k = 1
     do i = 1, n
-      watch%direction(i) = nint(vector(k + 1))
-      watch%terminal(i) = nint(vector(k + 2)) /= 0
-      m = nint(vector(k + 3))
-      watch%signals(i)%program%code = nint(vector(k + 4:k + 2*m + 3:2))
-      watch%signals(i)%program%number = vector(k + 5:k + 2*m + 3:2)
+      watch%direction(i) = nint(numbers(k + 1))
+      watch%terminal(i) = nint(numbers(k + 2)) /= 0
+      m = nint(numbers(k + 3))
+      watch%signals(i)%program%code = nint(numbers(k + 4:k + 2*m + 3:2))
+      watch%signals(i)%program%number = numbers(k + 5:k + 2*m + 3:2)
       call watch%signals(i)%program%measure()
       k = k + 3 + 2*m
     end do

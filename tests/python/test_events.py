@@ -1,5 +1,7 @@
 """Events and dense output of motions in time, against SciPy's and exact motions."""
 
+import time
+
 import numpy as np
 import pytest
 import viscovib as vv
@@ -229,3 +231,66 @@ def test_passages_of_a_structure_that_swings_many_times_in_a_step(fast):
     run = vv.simulate(plate, 2.0, initial=[1, 0, 1, 0], dt=0.5, events=["x1"])
     exact = (np.arange(int(2 * fast / np.pi + 0.5)) + 0.5) * np.pi / fast
     np.testing.assert_allclose(run.events[0].t, exact, rtol=0, atol=1e-14 * fast)
+
+
+def chain_of(n, rng, *, modal, kernel=None):
+    """Return a chain whose first mass has a cubic spring, and its damping."""
+    stiffness = 40.0 * (2 * np.eye(n) - np.eye(n, k=1) - np.eye(n, k=-1))
+    damping = 0.002 * stiffness
+    if not modal:
+        damping = damping + np.diag(rng.uniform(0, 0.1, n))
+    spring = vv.Spring(on="x1", law="30*d^3", kernel=kernel)
+    system = vv.Structure(
+        mass=np.eye(n), stiffness=stiffness, damping=damping, elements=[spring],
+        names=[f"x{i + 1}" for i in range(n)],
+    )  # fmt: skip
+    return system, stiffness, damping
+
+
+@pytest.mark.parametrize("step", [{"tolerance": 1e-11}, {"dt": 0.02}], ids=["auto", "given"])
+@pytest.mark.parametrize("memory", [False, True])
+@pytest.mark.parametrize("modal", [True, False])
+def test_places_in_steps_of_structures(modal, memory, step):
+    """Many a step, by maps made once: modes and what has none, loads, memory, against SciPy."""
+    n, rng = 6, np.random.default_rng(4)
+    w, r = (0.3, 0.8) if memory else (0.0, 1.0)
+    kernel = vv.PronyKernel(weights=[w], rates=[r]) if memory else None
+    system, stiffness, damping = chain_of(n, rng, modal=modal, kernel=kernel)
+    push, start = rng.normal(size=n), np.zeros(2 * n)
+    start[1::2] = rng.normal(size=n) * 0.3
+    signals = {
+        "x3_dot": lambda t, y: y[n + 2],
+        "x1 - 0.02": lambda t, y: y[0] - 0.02,
+        "x2*x5 - 0.001*(t + 1)": lambda t, y: y[1] * y[4] - 0.001 * (t + 1),
+    }
+
+    def rhs(t, y):
+        force = stiffness @ y[:n] + damping @ y[n : 2 * n] - push * np.sin(3.1 * t)
+        pull = 30 * y[0] ** 3
+        force[0] += pull - w * y[-1]
+        return np.concatenate([y[n : 2 * n], -force, [pull - r * y[-1]]])
+
+    first = np.concatenate([start[::2], start[1::2], [0.0]])
+    true = solve_ivp(
+        rhs, (0, 12), first, method="DOP853", rtol=1e-12, atol=1e-13, max_step=0.02,
+        events=list(signals.values()),
+    )  # fmt: skip
+    run = vv.simulate(system, 12, load=push, nu=3.1, initial=start, events=list(signals), **step)
+    for found, times, states in zip(run.events, true.t_events, true.y_events, strict=True):
+        assert found.t.size == times.size > 5
+        np.testing.assert_allclose(found.t, times, rtol=0, atol=1e-9)
+        np.testing.assert_allclose(found.state[:, ::2], states[:, :n], rtol=0, atol=1e-9)
+
+
+def test_looking_for_events_costs_little():
+    """Of a structure of 40 modes: it took 60 times as long as the run."""
+    system, _, _ = chain_of(40, np.random.default_rng(0), modal=True)
+    spent = {}
+    for events in (None, ["x3_dot", "x1 - 0.001"]) * 3:
+        begun = time.process_time()
+        vv.simulate(
+            system, 30, load=np.eye(40)[0], nu=3.0, initial=np.zeros(80), dt=0.01, events=events
+        )
+        took = time.process_time() - begun
+        spent[events is None] = min(spent.get(events is None, took), took)
+    assert spent[False] < 8 * spent[True]
