@@ -3,12 +3,14 @@
 !! abs, min, max, sign, heaviside and comparisons are smooth on either side of a surface: that on
 !! which what they compare is equal. With its side of each surface held a law is smooth
 !! beyond it too, so that an integrator of high order steps up to the surface, and from there on
-!! with the other branch, without losing its order.
+!! with the other branch, without losing its order. Of a root or a power of what is 0 on a surface
+!! that is not so (viscovib_law_roots): the surface is rough.
 module viscovib_law_branches
   use viscovib_kinds, only: wp
   use viscovib_law_program, only: branches, f_abs, f_heaviside, f_max, f_min, f_more, f_sign, &
-                                  first_of_two, law_program, negate, number_for_one, &
-                                  number_for_two, operands, second_of_two, subtract
+                                  f_sqrt, first_of_two, held_power, law_program, negate, &
+                                  number_for_one, number_for_two, operands, second_of_two, subtract
+  use viscovib_law_roots, only: find_roots
   implicit none
   private
 
@@ -40,6 +42,8 @@ module viscovib_law_branches
     !> Arguments from coordinates and rates, shape (n_arguments, n_dof); not allocated: the
     !! arguments are the state (q_1, v_1, q_2, ...) and the time.
     real(wp), allocatable :: by_q(:, :), by_v(:, :)
+    !> The power with which the law begins there, where it is not smooth on its side (0: it is).
+    real(wp) :: rough = 0.0_wp
   contains
     procedure :: at => signal_at
   end type signal_type
@@ -108,8 +112,11 @@ contains
     integer, intent(in) :: from, to, sides(:)
     type(law_program), intent(out) :: part
     integer :: i, k, n, side
+    logical :: roots(size(law%code))
+    real(wp) :: rough(law%n_surfaces())
 
     part%n_arguments = law%n_arguments
+    call find_roots(law%code, law%number, roots, rough)
     allocate (part%code(to - from + 1), source=0)
     allocate (part%number(to - from + 1), source=0.0_wp)
     n = 0
@@ -126,6 +133,9 @@ contains
       part%code(n) = law%code(i)
       part%number(n) = law%number(i)
       if (side /= 0) call take(law%code(i), side, part%code(n), part%number(n))
+      if (.not. roots(i)) cycle
+      part%code(n) = held_power
+      if (law%code(i) == f_sqrt) part%number(n) = 0.5_wp
     end do
     part%code = part%code(:n)
     part%number = part%number(:n)

@@ -8,7 +8,8 @@ module viscovib_law_functions
   implicit none
   private
 
-  public :: bounded, branches, degree_of, leaves, of_one, of_two, operands, parity_of, within
+  public :: bounded, branches, degree_of, is_whole, leaves, of_one, of_two, operands, parity_of, &
+            within
 
   !> The value outside a domain, and the largest argument of exp.
   real(wp), parameter, public :: wall = 1.0e60_wp, steepest = 138.0_wp
@@ -31,10 +32,13 @@ module viscovib_law_functions
   !! its operands.
   integer, parameter, public :: number_for_one = -1, number_for_two = -2, first_of_two = -3, &
                                 second_of_two = -4
+  !> What stands for a root or a power of an operand of which the branch is held: of what is
+  !! negative too, -|x|^number.
+  integer, parameter, public :: held_power = -5
   integer, parameter :: f_tan = 13, f_asin = 14, f_acos = 15, f_atan = 16, f_sinh = 17, &
-                        f_cosh = 18, f_asinh = 20, f_acosh = 21, f_atanh = 22, f_atan2 = 29
-  integer, parameter, public :: f_sin = 11, f_cos = 12, f_tanh = 19, f_exp = 23, f_log = 24, &
-                                f_sqrt = 25
+                        f_asinh = 20, f_acosh = 21, f_atanh = 22, f_atan2 = 29
+  integer, parameter, public :: f_sin = 11, f_cos = 12, f_cosh = 18, f_tanh = 19, f_exp = 23, &
+                                f_log = 24, f_sqrt = 25
   integer, parameter, public :: f_abs = 26, f_sign = 27, f_heaviside = 28, f_min = 30, f_max = 31
   integer, parameter, public :: f_less = 32, f_atmost = 33, f_more = 34, f_atleast = 35, &
                                 f_where = 36, f_pow = 37
@@ -159,6 +163,9 @@ contains
     select case (code)
     case (known_power)
       call of_power(x, number, value, by)
+    case (held_power)
+      call of_power(abs(x), number, value, by)
+      value = sign(value, x)
     case (f_sin)
       value = sin(x)
       by = cos(x)

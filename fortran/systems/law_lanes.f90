@@ -9,7 +9,7 @@ module viscovib_law_lanes
   use viscovib_lanes, only: n_lanes
   use viscovib_law_program, only: add, bounded, divide, f_abs, f_atleast, f_atmost, f_cos, f_exp, &
     f_heaviside, f_less, f_log, f_max, f_min, f_more, f_sign, f_sin, f_sqrt, f_tanh, f_where, &
-    first_of_two, known_power, law_program, leaves, mark_outside, multiply, negate, &
+    first_of_two, held_power, known_power, law_program, leaves, mark_outside, multiply, negate, &
     number_for_one, number_for_two, of_one, of_two, operands, put_argument, put_number, &
     second_of_two, square, steepest, subtract, wall
   use viscovib_law_term, only: law_term
@@ -265,10 +265,13 @@ contains
       other = sqrt(abs(x(:, 1)))
       x(:, 1) = merge(wall, other, x(:, 1) < 0.0_wp)
       return
-    case (known_power)
+    case (known_power, held_power)
       if (abs(number) <= highest_power &
           .and. abs(2.0_wp*number - anint(2.0_wp*number)) <= 0.0_wp) then
+        other = x(:, 1)
+        if (code == held_power) x(:, 1) = abs(other)
         call raise(number, x)
+        if (code == held_power) x(:, 1) = sign(x(:, 1), other)
         return
       end if
     case default

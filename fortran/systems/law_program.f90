@@ -9,9 +9,10 @@ module viscovib_law_program
   use viscovib_lanes, only: n_lanes
   use viscovib_law_functions, only: add, bounded, branches, degree_of, divide, f_abs, f_atleast, &
     f_atmost, f_cos, f_exp, f_heaviside, f_less, f_log, f_max, f_min, f_more, f_pow, f_sign, &
-    f_sin, f_sqrt, f_tanh, f_where, first_function, first_of_two, functions, known_power, leaves, &
-    multiply, negate, number_for_one, number_for_two, of_one, of_two, operands, parity_of, power, &
-    put_argument, put_number, second_of_two, square, steepest, subtract, wall, within
+    f_sin, f_sqrt, f_tanh, f_where, first_function, first_of_two, functions, held_power, &
+    known_power, leaves, multiply, negate, number_for_one, number_for_two, of_one, of_two, &
+    operands, parity_of, power, put_argument, put_number, second_of_two, square, steepest, &
+    subtract, wall, within
   use viscovib_vector_math, only: exponential_lanes, largest_angle, logarithm_lanes, &
     sine_cosine_lanes, tangent_lanes
   implicit none
@@ -20,8 +21,8 @@ module viscovib_law_program
   public :: law_program, mark_outside
   public :: add, bounded, branches, degree_of, divide, f_abs, f_atleast, f_atmost, f_cos, f_exp, &
             f_heaviside, f_less, f_log, f_max, f_min, f_more, f_pow, f_sign, f_sin, f_sqrt, &
-            f_tanh, f_where, first_function, first_of_two, functions, known_power, leaves, &
-            multiply, negate, number_for_one, number_for_two, of_one, of_two, operands, &
+            f_tanh, f_where, first_function, first_of_two, functions, held_power, known_power, &
+            leaves, multiply, negate, number_for_one, number_for_two, of_one, of_two, operands, &
             parity_of, power, put_argument, put_number, second_of_two, square, steepest, &
             subtract, wall
 

@@ -17,6 +17,7 @@ module viscovib_switched_laws
   use viscovib_law_branches, only: find_signals, held, signal_type, slides
   use viscovib_law_lanes, only: evaluate_lanes, evaluate_term
   use viscovib_law_program, only: law_program, wall
+  use viscovib_law_roots, only: find_roots
   use viscovib_law_slopes, only: differentiate_term, most_arguments
   use viscovib_law_term, only: law_term
   use viscovib_moving_element, only: moving_element, new_moving_element
@@ -150,6 +151,7 @@ contains
     !> Of each surface: 1, -1, 0 or `slides`.
     integer, intent(in) :: holds(:)
     type(law_program), allocatable :: programs(:)
+    real(wp), allocatable :: rough(:)
     integer :: sides(size(self%law_of)), other(size(self%law_of)), i, j, k, n
 
     self%holds = holds
@@ -167,9 +169,15 @@ contains
           self%signals(k + j)%program = programs(j)
           self%signals(k + j)%by_q = law%arguments
           self%signals(k + j)%by_v = law%rates
+          self%signals(k + j)%rough = rough_surface(law%program, j)
         end do
         k = k + n
       end associate
+    end do
+    do k = 1, size(holds)
+      rough = pack(self%signals%rough, &
+                   self%signals%rough > 0.0_wp .and. self%leader == self%leader(k))
+      if (size(rough) > 0) self%signals(k)%rough = minval(rough)
     end do
     if (allocated(self%sliding)) deallocate (self%sliding)
     n = 0
@@ -193,6 +201,16 @@ contains
       end if
     end do
   end subroutine take
+
+  !> With what power a law begins on its surface j.
+  pure real(wp) function rough_surface(program, j)
+    type(law_program), intent(in) :: program
+    integer, intent(in) :: j
+    logical :: roots(size(program%code))
+    real(wp) :: rough(program%n_surfaces())
+    call find_roots(program%code, program%number, roots, rough)
+    rough_surface = rough(j)
+  end function rough_surface
 
   !> What jumps on a surface.
   subroutine slide_on(self, k, other, slide)

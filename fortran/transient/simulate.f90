@@ -14,7 +14,7 @@ module viscovib_simulate
   use viscovib_subnormals, only: flushing_type
   use viscovib_wanted_states, only: wanted_states
   use viscovib_watch, only: new_watch, watch_type
-  use viscovib_watched_step, only: halve, sides_of, step_watched, watched_step_type
+  use viscovib_watched_step, only: begin_graded, halve, sides_of, step_watched, watched_step_type
   implicit none
   private
 
@@ -78,7 +78,7 @@ contains
       at%sides = sides_of(system, now, method%q, method%v)
       at%fresh = spread(.false., 1, size(at%sides))
     end if
-    call system%take_sides(at%sides)
+    call begin_graded(at, system, method%q, method%v)
     do i = 1, n_steps
       t_reached = now
       if (stop_wanted()) then
@@ -203,6 +203,7 @@ contains
     at%n_passed = 0
     at%n_halved = 0
     at%short = .false.
+    at%graded = .false.
     more = .true.
     n_before = wanted%n_reached
     if (past%is_due()) call note(past, at%from, method)
@@ -230,7 +231,9 @@ contains
         if (outcome /= run_completed) return
       end if
     end do
-    if (at%n_passed > 0 .or. at%n_halved > 0) call method%change_step(system, ends%h(piece))
+    if (at%n_passed > 0 .or. at%n_halved > 0 .or. at%graded) then
+      call method%change_step(system, ends%h(piece))
+    end if
     if (wanted%lost) call give_up(method, at, t_reached, outcome)
   end subroutine make_parts
 

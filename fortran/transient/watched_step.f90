@@ -3,6 +3,9 @@
 !! Within a step the equations are held on their side of each surface, so that the method sees
 !! a smooth right side. Where the motion passes a surface inside the step, the step is made
 !! again up to there, then on with the other side held: every part has the order of the method.
+!! Up to a rough surface, where a law such as max(d, 0)^1.5 is not smooth on its side either, and
+!! from there on, parts are no longer than their distance from it: each has half or twice the length
+!! of its neighbour, so that the polynomials converge in all of them at the same rate.
 module viscovib_watched_step
   use viscovib_driven_system, only: driven_system_type
   use viscovib_event_search, only: first_passage, signal_along
@@ -16,7 +19,7 @@ module viscovib_watched_step
   implicit none
   private
 
-  public :: watched_step_type, step_watched, halve, sides_of
+  public :: watched_step_type, step_watched, begin_graded, halve, sides_of
 
   !> Surfaces passed in one step before the motion counts as one that stays on them.
   integer, parameter :: most_passages = 1000
@@ -26,6 +29,9 @@ module viscovib_watched_step
   !! is left of the step.
   integer, parameter :: most_halvings = 200
   real(wp), parameter :: shortest = 1.0e-6_wp
+  !> What the part of a step that lies nearest to a rough surface may leave of error: under a force
+  !! x^p its length to the power of 2 + p.
+  real(wp), parameter :: left_there = 1.0e-17_wp
   !> How far they may lead, as a part of the step.
   real(wp), parameter :: furthest = 0.1_wp
 
@@ -59,6 +65,10 @@ module viscovib_watched_step
     !! before the step does.
     integer :: n_halved = 0
     logical :: short = .false.
+    !> A part was shorter than the step for the sake of a rough surface; and the length that the
+    !! next part may have behind one (0: any).
+    logical :: graded = .false.
+    real(wp) :: grade = 0.0_wp
     real(wp), allocatable :: memory(:)
     type(step_path) :: path
   end type watched_step_type
@@ -104,7 +114,7 @@ contains
     type(wanted_states), intent(inout) :: wanted
     logical, intent(out) :: more
     type(surface_type) :: surface
-    real(wp) :: place
+    real(wp) :: place, length
     integer :: which
     logical :: passes
 
@@ -112,6 +122,7 @@ contains
     at%q = method%q
     at%v = method%v
     at%memory = method%save_memory()
+    if (at%grade > 0.0_wp .and. at%grade < method%h) call shorten(at, method, system, at%grade)
     if (system%timed) method%since = at%from - system%present_piece(1)
     call method%step(system, at%made)
     if (at%made) at%made = in_range(method%q, method%v)
@@ -124,6 +135,13 @@ contains
     if (at%near_edge) return
     call trace(at, method, system)
     call first_surface(at, system, which, place)
+    call look_for_rough(at, system, which, place, method%h, length)
+    if (length < method%h) then
+      call method%load_memory(at%memory)
+      call shorten(at, method, system, length)
+      more = .true.
+      return
+    end if
     if (which > 0) then
       call method%load_memory(at%memory)
       surface%system => system
@@ -140,11 +158,85 @@ contains
     if (wanted%within(at%from, method%h)) call keep_before(at, method, system, wanted)
     call note_events(at, method, system, watch, any(at%sides == slides))
     at%fresh = .false.
+    if (at%grade > 0.0_wp) at%grade = 2.0_wp*method%h
+    if (at%grade >= system%step_length) at%grade = 0.0_wp
     if (.not. at%short .or. at%ended) return
     at%from = at%from + method%h
     more = at%until - at%from > 4.0_wp*spacing(at%until)
     if (more) call method%change_step(system, min(2.0_wp*method%h, at%until - at%from))
   end subroutine step_watched
+
+  !> Before the first step: hold the sides; the motion may begin on a rough surface, or beside it.
+  subroutine begin_graded(at, system, q, v)
+    type(watched_step_type), intent(inout) :: at
+    class(driven_system_type), intent(inout) :: system
+    real(wp), intent(in) :: q(:), v(:)
+    real(wp) :: g(2), here(2, size(q)), rate(2, size(q)), h
+    integer :: i
+
+    call system%take_sides(at%sides)
+    if (.not. allocated(system%signals)) return
+    h = system%step_length
+    rate = spread(v, 1, 2)
+    here(1, :) = q
+    here(2, :) = q + h*v
+    do i = 1, size(system%signals)
+      if (.not. system%signals(i)%rough > 0.0_wp) cycle
+      call system%signal_at(i, [0.0_wp, h], here, rate, g)
+      if (abs(g(1)) >= abs(g(2) - g(1))) cycle
+      at%grade = max(closest(system, i), h*abs(g(1)/(g(2) - g(1))))
+    end do
+  end subroutine begin_graded
+
+  !> How long the part just made should have been because of rough surfaces ahead.
+  subroutine look_for_rough(at, system, which, place, h, length)
+    type(watched_step_type), intent(in) :: at
+    class(driven_system_type), intent(in), target :: system
+    !> The surface that it passes (0: none), and where.
+    integer, intent(in) :: which
+    real(wp), intent(in) :: place, h
+    real(wp), intent(out) :: length
+    !> Where the rate at the end is taken from.
+    real(wp), parameter :: short = 1.0e-3_wp
+    type(surface_type) :: surface
+    real(wp) :: g(2)
+    integer :: i
+
+    length = h
+    if (.not. allocated(system%signals)) return
+    if (which > 0) then
+      if (.not. system%signals(which)%rough > 0.0_wp) return
+      if (place*h > max(closest(system, which), 64.0_wp*spacing(at%until))) length = 0.5_wp*place*h
+      return
+    end if
+    surface%system => system
+    do i = 1, size(system%signals)
+      if (.not. system%signals(i)%rough > 0.0_wp .or. at%sides(i) == slides) cycle
+      if (h <= max(closest(system, i), 64.0_wp*spacing(at%until))) cycle
+      surface%which = i
+      call signal_along(surface, at%path, [1.0_wp - short, 1.0_wp], g)
+      ! It would be passed before as long a part has gone by again.
+      if (at%sides(i)*(g(2) + (g(2) - g(1))/short) < 0.0_wp) length = 0.5_wp*h
+    end do
+  end subroutine look_for_rough
+
+  !> Length of the part nearest to a rough surface.
+  real(wp) function closest(system, which)
+    class(driven_system_type), intent(in) :: system
+    integer, intent(in) :: which
+    closest = system%step_length*left_there**(1.0_wp/(2.0_wp + system%signals(which)%rough))
+  end function closest
+
+  !> Let the present part be shorter.
+  subroutine shorten(at, method, system, length)
+    type(watched_step_type), intent(inout) :: at
+    class(stepper_type), intent(inout) :: method
+    class(driven_system_type), intent(in) :: system
+    real(wp), intent(in) :: length
+    call method%change_step(system, length)
+    at%short = .true.
+    at%graded = .true.
+  end subroutine shorten
 
   !> Begin the last part again, half as long, if that may help: steps are too large where a
   !! motion is fast, as beside the pivot of a pendulum.
@@ -214,6 +306,7 @@ contains
       at%fresh = .false.
     end if
     call meet(at, method, system, which)
+    if (system%signals(which)%rough > 0.0_wp) at%grade = closest(system, which)
     more = at%until - at%from > 4.0_wp*spacing(at%until)
     at%short = .false.
     if (more) call method%change_step(system, at%until - at%from)

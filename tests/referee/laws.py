@@ -103,6 +103,44 @@ state, outcome = m.state[-1], str(m.outcome)
     return Case(call, judge)
 
 
+def _contact(rng, index):
+    """Roots and powers that begin where contact does; SciPy's runs end and begin there."""
+    power, (a, gap) = (
+        [0.5, 1.5, 2.5, 0.75][index % 4],
+        (even(rng, 0.2, 20, 3), even(rng, -0.3, 0.3, 3)),
+    )
+    c, load, nu = even(rng, 0.02, 0.2, 3), even(rng, 0.1, 1, 3), few(rng, 0.3, 2, 4)
+    start = [even(rng, -1, 1, 3), even(rng, -1, 1, 3)]
+    call = f"""system = vv.PolynomialSystem(mass=1, stiffness=1, damping={c}, forces="{a}*max(x - {gap}, 0)^{power}")
+m = vv.simulate(system, 8.0, load={load}, nu={nu}, initial={start})
+state, outcome, error = m.state[-1], str(m.outcome), m.error
+"""
+
+    def judge(names, told):
+        def rates(t, y):
+            pushed = a * max(y[0] - gap, 0.0) ** power
+            return [y[1], load * np.sin(nu * t) - c * y[1] - y[0] - pushed]
+
+        def passage(t, y):
+            return y[0] - gap
+
+        passage.terminal = True
+        how = {"method": "DOP853", "rtol": 3e-14, "atol": 1e-16, "max_step": 0.05}
+        t, y = 0.0, np.array(start)
+        while t < 8.0:
+            run = solve_ivp(rates, (t, 8.0), y, events=passage, **how)
+            t, y = run.t[-1], run.y[:, -1]
+            if t < 8.0:
+                run = solve_ivp(rates, (t, min(8.0, t + 1e-9)), y, **how)
+                t, y = run.t[-1], run.y[:, -1]
+        yield Claim("outcome", names["outcome"], "completed")
+        # SciPy's polynomials inside steps tell the place of contact to about 1e-9 where the force
+        # begins with a root.
+        yield Claim("state beside contact", names["state"], y, names["error"] + 1e-8)
+
+    return Case(call, judge)
+
+
 def _element(rng, index):
     _, _, c, k, load, nu = _draw(rng)
     a, b = even(rng, 0.1, 1, 3), even(rng, 0.5, 2, 3)
@@ -268,5 +306,5 @@ def _without_stops(nu, size):
 
 def case(rng, index):
     """Draw a law, and ask for its steady motion, stability, motion in time, or a structure's."""
-    kinds = (_steady, _motion, _element, _multipliers, _slider, _friction)
-    return kinds[index % 6](rng, index // 6)
+    kinds = (_steady, _motion, _element, _multipliers, _slider, _friction, _contact)
+    return kinds[index % len(kinds)](rng, index // len(kinds))

@@ -1,0 +1,101 @@
+!> Roots and broken powers of what is never negative because of a branch, as max(d, 0)^1.5 of
+!! Hertz's contact or abs(v)^0.5.
+!!
+!! On its surface such a law is not smooth on either side: x^1.5 has no second derivative at 0. With
+!! the branch held its base is negative beyond the surface, where the power has no value. There it
+!! stands for -|x|^p, so that a step that goes beyond before it ends on the surface has a force.
+module viscovib_law_roots
+  use viscovib_kinds, only: wp
+  use viscovib_law_functions, only: add, branches, divide, f_abs, f_cosh, f_exp, f_heaviside, &
+                                    f_less, f_atleast, f_max, f_min, f_sqrt, f_where, is_whole, &
+                                    known_power, multiply, operands, put_number, square
+  implicit none
+  private
+
+  public :: find_roots
+
+  !> What is known of the sign of a value.
+  integer, parameter :: any_sign = 0, not_negative = 1, positive = 2
+
+contains
+
+  !> Which instructions of a law are such roots or powers, and with what power it begins on each of
+  !! its surfaces that make them so (0: on the others it is smooth on either side).
+  pure subroutine find_roots(code, number, roots, rough)
+    integer, intent(in) :: code(:)
+    real(wp), intent(in) :: number(:)
+    !> Shapes of the instructions and of the surfaces, in their order.
+    logical, intent(out) :: roots(:)
+    real(wp), intent(out) :: rough(:)
+    !> Of each value on the stack: its sign, and the instruction with which it begins.
+    integer :: signs(size(code) + 2), begins(size(code) + 2)
+    integer :: first, i, last, n, top
+    real(wp) :: exponent
+
+    roots = .false.
+    rough = 0.0_wp
+    top = 0
+    do i = 1, size(code)
+      n = operands(code(i))
+      top = top - n + 1
+      if (n == 0) begins(top) = i
+      if (is_broken(code(i), number(i)) .and. signs(top) /= any_sign) then
+        roots(i) = any(branches(code(begins(top):i - 1)))
+        if (signs(top) == not_negative) then
+          first = count(branches(code(:begins(top) - 1))) + 1
+          last = count(branches(code(:i - 1)))
+          exponent = merge(0.5_wp, number(i), code(i) == f_sqrt)
+          where (rough(first:last) > 0.0_wp)
+            rough(first:last) = min(rough(first:last), exponent)
+          else where
+            rough(first:last) = exponent
+          end where
+        end if
+      end if
+      signs(top) = sign_of(code(i), number(i), signs(top:top + max(n, 1) - 1))
+    end do
+  end subroutine find_roots
+
+  !> A root, or a power above 0 that is not whole.
+  pure logical function is_broken(code, number)
+    integer, intent(in) :: code
+    real(wp), intent(in) :: number
+    is_broken = code == f_sqrt &
+                .or. (code == known_power .and. number > 0.0_wp .and. .not. is_whole(number))
+  end function is_broken
+
+  !> The sign of a value, from those of its operands (of none: anything).
+  pure integer function sign_of(code, number, signs)
+    integer, intent(in) :: code, signs(:)
+    real(wp), intent(in) :: number
+
+    select case (code)
+    case (put_number)
+      sign_of = merge(positive, merge(not_negative, any_sign, number >= 0.0_wp), number > 0.0_wp)
+    case (add)
+      sign_of = merge(maxval(signs), any_sign, minval(signs) /= any_sign)
+    case (multiply, divide, f_min)
+      sign_of = minval(signs)
+    case (f_max)
+      sign_of = maxval(signs)
+    case (f_where)
+      sign_of = minval(signs(2:))
+    case (f_exp, f_cosh)
+      sign_of = positive
+    case (square)
+      sign_of = max(not_negative, signs(1))
+    case (known_power)
+      sign_of = signs(1)
+      if (is_whole(number)) then
+        if (mod(nint(number), 2) == 0) sign_of = max(not_negative, signs(1))
+      end if
+    case (f_sqrt, f_abs)
+      sign_of = max(not_negative, signs(1))
+    case (f_heaviside, f_less:f_atleast)
+      sign_of = not_negative
+    case default
+      sign_of = any_sign
+    end select
+  end function sign_of
+
+end module viscovib_law_roots

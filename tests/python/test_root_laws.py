@@ -1,0 +1,130 @@
+"""Roots and broken powers on a surface of contact, as Hertz's max(d, 0)^1.5, in time.
+
+Judged by SciPy, whose runs end and begin again on the surface.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+import viscovib as vv
+from scipy.integrate import solve_ivp
+
+POWERS = (1 / 3, 0.5, 0.7, 1.25, 1.5, 2.5)
+
+
+def motion(
+    force: Callable[[float, float], float],
+    surface: Callable[[float, float], float],
+    drive: tuple[float, float, float],
+    start: np.ndarray,
+    t_end: float,
+) -> np.ndarray:
+    """State at ``t_end`` of x'' + c x' + x + f = F sin(w t), from contact to contact."""
+    damping, amplitude, nu = drive
+
+    def rates(t: float, y: np.ndarray) -> list[float]:
+        return [y[1], amplitude * np.sin(nu * t) - damping * y[1] - y[0] - force(y[0], y[1])]
+
+    def passage(_: float, y: np.ndarray) -> float:
+        return surface(y[0], y[1])
+
+    passage.terminal = True  # type: ignore[attr-defined]
+    accuracy = {"method": "DOP853", "rtol": 3e-14, "atol": 1e-16}
+    t, y = 0.0, start
+    while t < t_end:
+        run = solve_ivp(rates, (t, t_end), y, events=passage, max_step=0.05, **accuracy)
+        t, y = run.t[-1], run.y[:, -1]
+        if t < t_end:
+            # Off the surface, lest its first state count as a passage.
+            run = solve_ivp(rates, (t, min(t_end, t + 1e-9)), y, **accuracy)
+            t, y = run.t[-1], run.y[:, -1]
+    return y
+
+
+def laws(power: float) -> dict[str, tuple[Callable[..., float], Callable[..., float]]]:
+    """Text of a law with the stiffness k and the gap g, its force and its surface."""
+    text = repr(power)
+    return {
+        f"k*max(x - g, 0)^{text}": (
+            lambda x, v, k, g: k * max(x - g, 0.0) ** power,
+            lambda x, v, g: x - g,
+        ),
+        f"k*sign(x)*abs(x)^{text}": (
+            lambda x, v, k, g: k * np.sign(x) * abs(x) ** power,
+            lambda x, v, g: x,
+        ),
+        f"k*where(x > g, 1, 0)*abs(x - g)^{text}": (
+            lambda x, v, k, g: k * (x > g) * abs(x - g) ** power,
+            lambda x, v, g: x - g,
+        ),
+        "k*x_dot*sqrt(abs(x_dot))": (
+            lambda x, v, k, g: k * v * abs(v) ** 0.5,
+            lambda x, v, g: v,
+        ),
+    }
+
+
+@pytest.mark.parametrize("power", POWERS)
+def test_motions(power: float) -> None:
+    """Random contacts keep the tolerance: the law is not smooth on either side of its surface."""
+    rng = np.random.default_rng(round(100 * power))
+    for text, (force, surface) in laws(power).items():
+        k, gap = 10 ** rng.uniform(-1, 1.3), rng.uniform(-0.2, 0.2)
+        drive = rng.uniform(0.02, 0.1), rng.uniform(0.1, 1), rng.uniform(0.3, 2)
+        start = rng.uniform(-1, 1, 2)
+        system = vv.PolynomialSystem(
+            mass=1, stiffness=1, damping=drive[0], forces=text, parameters={"k": k, "g": gap}
+        )
+        run = vv.simulate(system, 6.0, initial=start, load=drive[1], nu=drive[2])
+        true = motion(
+            lambda x, v, force=force, k=k, gap=gap: force(x, v, k, gap),
+            lambda x, v, surface=surface, gap=gap: surface(x, v, gap),
+            drive,
+            start,
+            6.0,
+        )
+        assert run.outcome == "completed", text
+        assert run.error < 1e-10, text
+        assert np.allclose(run.state[-1], true, rtol=0, atol=1e-9), text
+
+
+@pytest.mark.parametrize("method", ["gauss2", "gauss8", "dop8", "verner9"])
+def test_order(method: str) -> None:
+    """With steps given, parts beside contact keep the order of the method."""
+    system = vv.PolynomialSystem(mass=1, stiffness=1, forces="8*max(x - 0.1, 0)^1.5")
+    fine = vv.simulate(system, 8.0, initial=[0.5, 0.1]).state[-1]
+    errors = [
+        np.abs(vv.simulate(system, 8.0, dt=dt, initial=[0.5, 0.1], method=method).state[-1] - fine)
+        for dt in (0.1, 0.05)
+    ]
+    assert errors[1].max() < max(errors[0].max() / 10, 1e-11)
+
+
+@pytest.mark.parametrize("start", [[0.0, 0.8], [0.1, -0.5], [1e-9, -0.3], [-1e-9, 0.3]])
+def test_starts_on_the_surface(start: list[float]) -> None:
+    """A motion may begin on the surface, or so near that its first step would miss it."""
+    system = vv.PolynomialSystem(mass=1, stiffness=1, forces="8*x*sqrt(abs(x))")
+    run = vv.simulate(system, 5.0, dt=0.1, initial=start, estimate_error=True)
+    true = motion(
+        lambda x, v: 8 * x * abs(x) ** 0.5, lambda x, v: x, (0, 0, 1), np.array(start), 5.0
+    )
+    assert run.error < 1e-11
+    assert np.allclose(run.state[-1], true, rtol=0, atol=1e-10)
+
+
+def test_structures() -> None:
+    """Elements of small structures go the same way; a ball on a Hertzian floor keeps energy."""
+    structure = vv.Structure(
+        mass=[[1.0]],
+        stiffness=[[1.0]],
+        names=["z"],
+        elements=[vv.Spring(on="z", law="-50*max(-d, 0)^1.5")],
+    )
+    run = vv.simulate(structure, 30.0, initial=[0.4, 0.0])
+    z, v = run.state[:, 0], run.state[:, 1]
+    energy = v**2 / 2 + z**2 / 2 + 20 * np.maximum(-z, 0) ** 2.5
+    assert run.outcome == "completed"
+    assert np.ptp(energy) < 1e-11
