@@ -10,7 +10,10 @@ module viscovib_limits
   real(wp), parameter, public :: min_time_tolerance = 1.0e-13_wp, max_time_tolerance = 1.0_wp
   !> Stands for 0 where a number varies: terms would be left out that other values have.
   real(wp), parameter, public :: nearly_nothing = 1.0e-200_wp
-  !> Highest order of a motion, of a load in time, of base frequencies together.
-  integer, parameter, public :: max_harmonics = 199
+  !> Highest order that may be asked of a motion, of a load in time, of base frequencies together.
+  integer, parameter, public :: max_harmonics = 399
+  !> Highest order of a motion that is chosen to meet a tolerance, unless the load has higher
+  !! ones: a balance costs as the third power.
+  integer, parameter, public :: most_harmonics_chosen = 199
 
 end module viscovib_limits

@@ -53,7 +53,7 @@ end subroutine mount_dynamic_stiffness
 subroutine mount_plan(flat, n_flat, kind_x, data_x, n_x, kind_phi, data_phi, n_phi, orders, &
                       series, n_rows, n_series, nu, n, method, harmonics, tolerance, &
                       max_iterations, relaxation, keep_history, with_stability, keep_idle, &
-                      n_kept, kept, half_wave, n_samples, plan_method, text, rest, status)
+                      n_room, n_kept, kept, half_wave, n_samples, plan_method, text, rest, status)
   use, intrinsic :: iso_c_binding, only: c_double, c_double_complex, c_int
   use viscovib_binding_tools, only: make_load, make_options, make_system, report
   use viscovib_load, only: load_type
@@ -70,7 +70,9 @@ subroutine mount_plan(flat, n_flat, kind_x, data_x, n_x, kind_phi, data_phi, n_p
   complex(c_double_complex), intent(in) :: series(n_rows, n_series)
   !> Relative, and absolute in coordinates.
   real(c_double), intent(in) :: tolerance(2), relaxation
-  integer(c_int), intent(out) :: n_kept, kept(200), half_wave, n_samples, plan_method
+  !> Most orders there may be: those of the load, or all up to the highest.
+  integer(c_int), intent(in) :: n_room
+  integer(c_int), intent(out) :: n_kept, kept(n_room), half_wave, n_samples, plan_method
   !> The plan of the responses, and the lines of it that hold for a branch.
   character(len=2048), intent(out) :: text, rest
   integer(c_int), intent(out) :: status

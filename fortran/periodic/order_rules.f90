@@ -3,7 +3,7 @@
 module viscovib_order_rules
   use viscovib_balance_ladder, only: balance_ladder_type, lowest_order
   use viscovib_kinds, only: wp
-  use viscovib_limits, only: max_harmonics
+  use viscovib_limits, only: most_harmonics_chosen
   use viscovib_load, only: load_type
   use viscovib_motion_norm, only: weighted_norm
   use viscovib_oscillator, only: oscillator_type
@@ -27,7 +27,8 @@ contains
   pure integer function most_along(system, load)
     class(oscillator_type), intent(in) :: system
     type(load_type), intent(in) :: load
-    most_along = max(merge(modest, max_harmonics, system%degree > 0), lowest_order(load))
+    most_along = max(merge(modest, most_harmonics_chosen, system%degree > 0), &
+                     lowest_order(load))
   end function most_along
 
   !> Orders fall off geometrically: how many times as many that suggests.

@@ -8,7 +8,7 @@ module viscovib_response_plan
   use viscovib_harmonic_set, only: harmonic_set_type, new_harmonic_set
   use viscovib_kinds, only: wp
   use viscovib_cycle_terms, only: has_states
-  use viscovib_limits, only: max_harmonics, max_tolerance, min_tolerance
+  use viscovib_limits, only: max_harmonics, max_tolerance, min_tolerance, most_harmonics_chosen
   use viscovib_load, only: load_type
   use viscovib_oscillator, only: oscillator_type
   use viscovib_plan_text, only: tell_idle, tell_zeros
@@ -112,9 +112,10 @@ contains
     else
       plan%chosen = plan%options%choose_harmonics
       highest = merge(lowest_order(load), plan%options%harmonics, plan%chosen)
-      plan%most = merge(max_harmonics, highest, plan%chosen)
-      if (lowest_order(load) > plan%most) then
-        call fail(status, status_input_error, 'harmonics', 'harmonics = '//show(plan%most) &
+      plan%most = merge(max(most_harmonics_chosen, highest), highest, plan%chosen)
+      if (lowest_order(load) > min(plan%most, max_harmonics)) then
+        call fail(status, status_input_error, 'harmonics', 'harmonics = ' &
+                  //show(min(plan%most, max_harmonics)) &
                   //': must be at least '//show(lowest_order(load)) &
                   //', the highest order of the load')
         return

@@ -63,9 +63,9 @@ BAD_BACKBONES = {
         "harmonics = 'all': must be",
     ),
     "harmonics in all": (
-        SWING.replace("from", "harmonics=100, subharmonic=2, from"),
+        SWING.replace("from", "harmonics=200, subharmonic=2, from"),
         2,
-        "harmonics = 100: must be 1 to 99",
+        "harmonics = 200: must be 1 to 199",
     ),
     "subharmonic": (SWING.replace("from", "subharmonic=21, from"), 2, "must be 1 to 20"),
     "points": (FREE.replace("from", "max_points=1, from"), 2, "max_points = 1: must be 2 to"),

@@ -249,8 +249,8 @@ contains
 
     if (begin('values out of range have their line')) then
       call wrong(mount//kernel//load//'&response nu=1,'//nl//'tolerance=0 /', ':5: tolerance = 0')
-      call wrong(mount//kernel//load//'&response nu=1,'//nl//'harmonics=200 /', &
-                 ':5: harmonics = 200')
+      call wrong(mount//kernel//load//'&response nu=1,'//nl//'harmonics=400 /', &
+                 ':5: harmonics = 400')
       call wrong(mount//kernel//load//'&response nu=1,'//nl//'relaxation=2 /', ':5: relaxation = 2')
       call wrong(mount//load//'&response nu=1,'//nl//'max_iterations=0 /', ':4: max_iterations = 0')
       call wrong(mount//'&load order=11, amplitude=1 /'//nl//'&response nu=1,'//nl// &

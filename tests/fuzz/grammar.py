@@ -30,6 +30,12 @@ SEEDS = {
     "ensemble_of_pendulums": """&pendulum e=0.1 w2=0.4 w3=0.8 alpha=0.5 f0=0.002 p1=1.02 /
 &ensemble vary='f0' from=0.001 to=0.004 count=4 initial=0 0 0.1 0 0 0 t_end=5 discard=1 /
 """,
+    "many_orders": """&system coordinates='x' mass=1 stiffness=1 damping=0.1 /
+&force law='0.1*x^3' /
+&load amplitude=0.3 /
+&load order=230 amplitude=0.3 /
+&response nu=0.7 method='newton' harmonics=231 /
+""",
     "modes": """&system coordinates='x' 'y' mass=1 2 stiffness=2 -1 -1 2 /
 &modes coordinates='y' /
 """,

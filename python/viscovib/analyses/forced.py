@@ -124,7 +124,7 @@ def forced_response(
         ends, or at the first frequency, the load is raised from nothing. `trace_response` gives all
         of a branch. A pendulum is solved by Newton's method.
     harmonics : int or "auto"
-        Highest order kept (1 to 199); with several base frequencies highest |k1| + |k2| + ... .
+        Highest order kept (1 to 399); with several base frequencies highest |k1| + |k2| + ... .
         "auto": as many as bring the ``truncation`` of the result below ``tolerance``, or as there
         is room for: those that each motion needs, which is also fastest; with successive
         approximations the same for all, or for all of a part of a long list. Orders that

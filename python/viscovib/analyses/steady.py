@@ -291,8 +291,9 @@ def _prepare(
         fraction,
     )
     n_kept, kept, _, _, ran, text, rest = _native.call(
-        core.mount_plan, *job, frequencies, *options, 0, int(stability), int(keep_idle)
-    )
+        core.mount_plan, *job, frequencies, *options, 0, int(stability), int(keep_idle),
+        max(job[-2].size, MAX_HARMONICS + 1),
+    )  # fmt: skip
     words, lines = text.decode(), rest.decode()
     if loaded is not None:
         told = f"computes: {loaded.told}\n"

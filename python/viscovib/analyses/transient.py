@@ -112,7 +112,7 @@ def simulate(
         the step is found by it. With ``dt`` given it only says how far the equations of a
         step are solved, and how well kernels are represented (default: to rounding).
         A polynomial system without memory, of at most 6 coordinates and under nothing but a
-        ``force`` and a ``load`` of orders up to 199, has the methods of a pendulum; else those of
+        ``force`` and a ``load`` of orders up to 399, has the methods of a pendulum; else those of
         a mount.
     rtol, atol : float
         With ``dt="auto"``, instead of ``tolerance``: each coordinate and velocity is wanted within
