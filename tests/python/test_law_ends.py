@@ -1,6 +1,8 @@
 """Motions that come to where a force law ends: told with the law, the place and the time."""
 
 import math
+import re
+import warnings
 
 import numpy as np
 import pytest
@@ -95,3 +97,50 @@ def test_other_ends_are_told_too():
     body = vv.Pendulum(e=0.1, w2=0.4, w3=0.8)
     run = vv.simulate(body, 20, dt=0.1, initial=(1.3, 0, 0, 0, 0, 0))
     assert run.reason == f"the spring reaches its pivot (z = -1) at t = {run.t_reached:.6g}"
+
+
+def with_law(law, kernel=None):
+    """Return an oscillator with a spring of this law."""
+    return vv.Structure(
+        mass=[1], stiffness=[[1]], damping=[[0.02]], names=["x"],
+        elements=[vv.Spring(on="x", law=law, kernel=kernel)],
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("kernel", [None, vv.PronyKernel(weights=[0.1], rates=[0.5])])
+@pytest.mark.parametrize(
+    ("law", "place"),
+    [
+        ("-0.2/(1 - d) + 0.2", 1.0),
+        ("-0.1*tan(2*d)", math.pi / 4),
+        ("-0.3/(0.7 - d)^2 + 0.3/0.49", 0.7),
+    ],
+)
+def test_a_pole_is_named_with_its_place_and_time(law, place, kernel):
+    """The force pulls towards it: no steps meet a tolerance, those given stop or pass it."""
+    system = with_law(law, kernel)
+    # Pulled, it comes there sooner than at its first speed.
+    soonest, latest = 0.2, place / 2
+
+    def told(text):
+        found = re.search(r"has a pole at d = ([\d.]+), where .* about t = ([\d.]+)", text)
+        assert found, text
+        assert float(found[1]) == pytest.approx(place, abs=1e-5)
+        return float(found[2])
+
+    with warnings.catch_warnings(record=True) as heard:
+        warnings.simplefilter("always")
+        run = vv.simulate(system, 3, initial=[0, 2], dt=0.02)
+    text = run.reason if run.outcome != "completed" else str(heard[0].message)
+    assert soonest < told(text) < latest + 0.02
+    if run.outcome == "completed":
+        with pytest.raises(vv.InputError, match="not met") as refusal:
+            vv.simulate(system, 3, initial=[0, 2])
+        assert soonest < told(str(refusal.value)) < latest + 0.02
+
+
+@pytest.mark.parametrize("law", ["1/(1 - d)^2 - 1", "d/(1 + d^2)", "tanh(d/0.01)", "d/0.1"])
+def test_no_pole_is_told_where_none_is_passed(law, recwarn):
+    run = vv.simulate(with_law(law), 3, initial=[0, 2], dt=0.01)
+    assert (run.outcome, run.reason) == ("completed", None)
+    assert not recwarn.list

@@ -82,7 +82,8 @@ def reason(coarse: "Trajectory", fine: "Trajectory", want: Accuracy) -> str:
     """Why halving the step leads nowhere, in a few words."""
     for run in (fine, coarse):
         if run.outcome != "completed":
-            law = "" if run._law_end is None else f": {run.reason}"
+            pole = run._pole_passed() or run._pole_after(run.t.size - 1)
+            law = "" if run._law_end is None and pole is None else f": {run.reason}"
             return (
                 f"the run is {run.outcome!r} at t = {run.t_reached:.6g}, in steps of "
                 f"{run.step:.3g} (largest value {np.abs(run.state).max():.3g}){law}"
@@ -106,6 +107,9 @@ def reason(coarse: "Trajectory", fine: "Trajectory", want: Accuracy) -> str:
     sudden = np.flatnonzero(most[1:] > 100 * most[:-1])
     if sudden.size:
         i = int(sudden[0])
+        pole = fine._pole_passed() or fine._pole_after(i)
+        if pole is not None:
+            return pole
         return (
             f"two runs agree to t = {t[i]:.6g} and differ suddenly by t = {t[i + 1]:.6g}, as where "
             "a force has a jump or corner on which no step ends, or changes too fast for them: "

@@ -85,6 +85,9 @@ class StructureTrajectory(Trajectory):
         reach = 2 * (self.t_reached - self.t[-1]) + more
         return end_of_law(self.system, (self.deflections[-1], self.rates[-1]), float(reach))
 
+    def _read_by_laws(self, rows: slice) -> tuple[FloatArray, FloatArray]:
+        return self.deflections[rows], self.rates[rows]
+
     def to_dataset(self, *, physical: bool = False) -> xr.Dataset:
         """Coordinates and velocities over t, and ``deflections`` and ``rates`` of the elements."""
         data = super().to_dataset(physical=physical)

@@ -374,6 +374,9 @@ def _with_step(steps: _Steps, end: float, step: float, estimated: bool) -> Traje
             ConvergenceWarning,
             stacklevel=caller(),
         )
+    pole = result._pole_passed() if result.outcome == "completed" else None
+    if pole is not None:
+        warnings.warn(f"dt = {step:g}: {pole}", ConvergenceWarning, stacklevel=caller())
     if estimated:
         return with_estimate(result, run(2, 1), "by a run in half steps")
     return result

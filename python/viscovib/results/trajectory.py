@@ -19,7 +19,13 @@ from viscovib.common.plan import Plan, wanted_places
 from viscovib.common.results import Number, Panel, Result, named, span
 from viscovib.common.tables import Table, listed_units
 from viscovib.errors import InputError
-from viscovib.systems.law_ends import law_end as end_of_law
+from viscovib.systems.law_ends import (
+    law_end as end_of_law,
+    law_pole,
+    may_have_poles,
+    pole_between,
+    told_pole,
+)
 from viscovib.systems.mount import Mount
 from viscovib.systems.pendulum import Pendulum
 from viscovib.systems.polynomial_system import PolynomialSystem
@@ -192,6 +198,9 @@ class Trajectory(Result):
         if self.outcome == "unphysical":
             return f"the spring reaches its pivot (z = -1) {when}"
         ended = self._law_end
+        pole = self._pole_passed() or self._pole_after(self.t.size - 1) if ended is None else None
+        if pole is not None:
+            return pole
         if ended is None and self.outcome == "step too large":
             return f"the motion goes on, but steps of {self.step:.6g} do not follow it {when}"
         if ended is None:
@@ -214,6 +223,28 @@ class Trajectory(Result):
         n = len(self.system.dof_names)
         # The state is that of the stop, which is located to rounding.
         return end_of_law(self.system, (state[: 2 * n : 2], state[1 : 2 * n : 2]), 1e-6 * self.step)
+
+    def _pole_after(self, row: int) -> str | None:
+        """A sentence about the pole of a force law that the motion comes to after a state kept."""
+        if not may_have_poles(self.system) or not 0 <= row < self.t.size:
+            return None
+        # Where a force grows so fast, it moves the motion on the way too.
+        until = self.t[row + 1] if row + 1 < self.t.size else self.t_reached
+        reach = float(max(until - self.t[row], 0.0)) + self.step
+        rows = slice(max(row - 1, 0), row + 2)
+        found = law_pole(self.system, self._read_by_laws(rows), self.t[rows], 2 * reach)
+        return None if found is None else told_pole(*found)
+
+    def _pole_passed(self) -> str | None:
+        """The same of the first pole that the states kept are on both sides of."""
+        if not may_have_poles(self.system) or self.t.size < 2:
+            return None
+        found = pole_between(self.system, self._read_by_laws(slice(None)), self.t)
+        return None if found is None else told_pole(*found)
+
+    def _read_by_laws(self, rows: slice) -> tuple[FloatArray, FloatArray]:
+        """What laws read of the states kept, and its rates."""
+        return self.state[rows, ::2], self.state[rows, 1::2]
 
     def _headline(self) -> str:
         return f"{self.outcome} at t = {self.t_reached:g}, {things(self.t.size, 'state')}"
