@@ -373,15 +373,14 @@ contains
     if (reader%status%failed()) return
     effort = max_effort
     call expand(law, ['d'], terms, fault, effort)
-    if (fault /= '') then
+    ! What is not 0 at rest, a static force, is taken as other laws are.
+    if (fault /= '' .or. any(sum(terms%powers, 1) == 0)) then
       call read_function(element, law, fault)
       if (fault /= '') call complain_of_law(reader, 'law', law, fault, ['d', 'v'])
       return
     end if
     do i = 1, size(terms%coefficients)
       select case (terms%powers(1, i))
-      case (0)
-        call complain_of_law(reader, 'law', law, 'has a constant, which belongs to the load')
       case (1)
         element%stiffness = element%stiffness + terms%coefficients(i)
       case (2:max_degree)

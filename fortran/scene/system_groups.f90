@@ -135,7 +135,8 @@ contains
       law = reader%read_text('law')
       if (reader%status%failed()) return
       call expand(law, coordinates, terms, fault, effort)
-      if (fault /= '') then
+      ! What is not 0 at rest, a static force, is taken as other laws are.
+      if (fault /= '' .or. any(sum(terms%powers, 1) == 0)) then
         call read_function(reader, p, law, coordinates, on, kernel, fault)
         if (fault /= '') then
           call complain_of_law(reader, 'law', law, fault, [character(len=name_length + 4) :: &

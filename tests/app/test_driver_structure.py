@@ -186,7 +186,7 @@ REFUSED = {
 }
 ELEMENTS = {
     "on='x9' law='d^3'": "on = 'x9': must be one of the 2 coordinates x1, x2",
-    "on='x1' law='d^3 + 1'": "has a constant, which belongs to the load",
+    "on='x1' law='d^3 +'": "its end is found where a number, a coordinate or",
     "on='x1' law='y^3'": "'y' is not a coordinate (only d is); a parameter is written as its",
     "on='x1' law='log(d)'": "must be defined around rest",
     "on='x1' kernel=1": "kernel = 1: must be 0 (none) to 0",

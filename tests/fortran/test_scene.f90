@@ -184,7 +184,7 @@ contains
       call wrong_law("x^2/1e-200", "must be defined around rest")
       call wrong_law(repeat('(', 200)//'x', "it must not be nested deeper than 100")
       call wrong_law("x + x^3", "what is linear belongs to the stiffness", "law: powers must")
-      call wrong_law("3 + x^2", "what is constant to the load", "law: powers must")
+      call wrong_law("2*", "its end is found where a number, a coordinate or ( should be")
       call wrong(system//load//response//"&force law='x^2', coefficient=1 /", &
                  ':4: coefficient: the law says it already')
       call wrong(system//load//response//'&spring stiffness=1 2 3 /', &

@@ -155,6 +155,10 @@ def compile_law(
     return Law(text, tuple(arguments), *steps, parity, degree, n_rates)
 
 
+#: How the other reader tells of a text that ends too early.
+_UNFINISHED = "its end is found where a number, a name or ( should be"
+
+
 def read_law(
     where: str,
     text: str,
@@ -163,11 +167,12 @@ def read_law(
     rates: Sequence[str] = (),
     *,
     named: bool = True,
+    preloaded: bool = False,
 ) -> Polynomial | Law:
     """Return a text as a polynomial in its arguments if it is one, else compiled.
 
     ``rates``: names for the rates of the arguments, one each; what has any is compiled. ``named``:
-    whether the caller can give it parameters.
+    whether the caller can give it parameters. ``preloaded``: what is not 0 at rest is compiled.
     """
     names = [*arguments, *parameters]
     try:
@@ -182,6 +187,7 @@ def read_law(
                 re.search(r"[A-Za-z_]\w*\s*\(|[<>]", text)
                 or any(re.search(rf"\b{name}\b", text) for name in rates)
                 or text.count("(") != text.count(")")
+                or str(other).endswith(_UNFINISHED)
             )
             raise (other if told else error) from None
         n = len(law.arguments)
@@ -200,6 +206,9 @@ def read_law(
             raise InputError(f"{where}: a coefficient is not finite")
         own = powers[: len(arguments)]
         result[own] = result.get(own, 0.0) + factor
+    if preloaded and result.get((0,) * len(arguments)):
+        # A static force: laws that are compiled may have one.
+        return compile_law(where, text, [*arguments, *rates], parameters, len(rates))
     return result
 
 

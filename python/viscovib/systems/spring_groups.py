@@ -163,7 +163,8 @@ def _by_equation(
                 raise InputError(
                     f"{place} = {_native.shown(text)}: must be a text such as '2*{names[0]}^3'"
                 )
-            law = read_law(place, text, names, parameters, [f"{name}_dot" for name in names])
+            rates = [f"{name}_dot" for name in names]
+            law = read_law(place, text, names, parameters, rates, preloaded=True)
             result.append((place, _equation(place, key, names), law))
         return result
     if not isinstance(forces, Sequence):

@@ -1,0 +1,146 @@
+"""Polynomial laws that are not 0 at rest, a static preload: every method, against SciPy."""
+
+import numpy as np
+import pytest
+import viscovib as vv
+from scipy.integrate import solve_ivp
+
+
+def draw(seed):
+    """Numbers of x'' + c x' + (k + a) x + b x^3 + q x^2 + p - memory = P sin(nu t)."""
+    rng = np.random.default_rng(seed)
+    return dict(
+        k=rng.uniform(0.8, 2), c=rng.uniform(0.1, 0.3), a=rng.uniform(0, 0.5),
+        q=rng.uniform(-0.2, 0.2), b=rng.uniform(0.1, 0.5), p=rng.uniform(-0.5, 0.5),
+        load=rng.uniform(0.1, 0.4), nu=rng.uniform(0.5, 2.0),
+        weight=rng.uniform(0.1, 0.4), rate=rng.uniform(0.3, 2.0),
+    )  # fmt: skip
+
+
+def text(n, name="x"):
+    return f"{n['a']!r}*{name} + {n['q']!r}*{name}^2 + {n['b']!r}*{name}^3 + {n['p']!r}"
+
+
+def truth(n, start, t, remembers=False):
+    """States at times t by SciPy; the memory of the law is an equation of its own."""
+
+    def law(x):
+        return n["a"] * x + n["q"] * x**2 + n["b"] * x**3 + n["p"]
+
+    def slope(time, s):
+        x, v, m = s
+        force = law(x) - n["weight"] * m * remembers
+        pushed = n["load"] * np.sin(n["nu"] * time)
+        return [v, pushed - n["c"] * v - n["k"] * x - force, law(x) - n["rate"] * m]
+
+    run = solve_ivp(
+        slope, (0, t[-1]), [*start, 0], method="DOP853", rtol=1e-12, atol=1e-13, t_eval=t
+    )
+    return run.y[:2].T
+
+
+def systems(n):
+    """One system as coordinates, as a structure."""
+    springs = dict(mass=[[1.0]], stiffness=[[n["k"]]], damping=[[n["c"]]])
+    element = vv.Spring(on="x", law=text(n, "d"))
+    return [
+        vv.PolynomialSystem(**springs, forces=text(n)),
+        vv.Structure(**springs, elements=[element], names=["x"]),
+    ]
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_steady_motions_and_motions_in_time(seed):
+    n = draw(seed)
+    period = 2 * np.pi / n["nu"]
+    late = period * np.concatenate([[0], 70 + np.arange(16) / 16])
+    t = np.linspace(0, 15, 31)
+    start = [0.3, -0.2]
+    steady, in_time = truth(n, [0, 0], late)[1:], truth(n, start, t)
+    for system in systems(n):
+        for method in ("newton", "successive"):
+            found = vv.forced_response(
+                system, [n["nu"]], load=n["load"], method=method, harmonics=25
+            )
+            if method == "successive" and not found.converged[0]:
+                continue
+            assert found.converged.all()
+            waves = np.exp(2j * np.pi * np.outer(found.harmonics, np.arange(16) / 16))
+            x = (found.coefficients[0, 0] @ waves).imag
+            np.testing.assert_allclose(x, steady[:, 0], atol=1e-8)
+        run = vv.simulate(system, 15, load=n["load"], nu=n["nu"], initial=start, times=t)
+        np.testing.assert_allclose(run.state, in_time, atol=1e-8)
+    plan = vv.plan_response(systems(n)[0], [n["nu"]], load=n["load"], method="newton")
+    assert "the static preload" in str(plan)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_behind_a_kernel(seed):
+    n = draw(100 + seed)
+    kernel = vv.PronyKernel(weights=[n["weight"]], rates=[n["rate"]])
+    system = vv.PolynomialSystem(
+        mass=1, stiffness=n["k"], damping=n["c"],
+        springs=[vv.Springs(forces=text(n), kernel=kernel)],
+    )  # fmt: skip
+    period = 2 * np.pi / n["nu"]
+    late = period * np.concatenate([[0], 90 + np.arange(16) / 16])
+    steady = truth(n, [0, 0], late, remembers=True)[1:]
+    found = vv.forced_response(system, [n["nu"]], load=n["load"], method="newton", harmonics=25)
+    waves = np.exp(2j * np.pi * np.outer(found.harmonics, np.arange(16) / 16))
+    x = (found.coefficients[0, 0] @ waves).imag
+    np.testing.assert_allclose(x, steady[:, 0], atol=1e-8)
+    t = np.linspace(0, 15, 31)
+    run = vv.simulate(system, 15, load=n["load"], nu=n["nu"], initial=[0.3, -0.2], times=t)
+    np.testing.assert_allclose(run.state, truth(n, [0.3, -0.2], t, remembers=True), atol=1e-7)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_branches_stability_and_ensembles(seed):
+    """Points of a branch are responses; its exponents are SciPy's; a member is a run."""
+    n = draw(200 + seed)
+    system = systems(n)[0]
+    branch = vv.trace_response(system, (0.8, 1.6), load=n["load"], stability=True)
+    assert branch.outcome == "completed"
+    nu, i = float(branch.nu[branch.nu.size // 2]), branch.nu.size // 2
+    waves = np.exp(1j * branch.harmonics[None, :] * 0)
+    x = branch.coefficients[i, 0]
+    start = [(x * waves).sum().imag, (1j * nu * branch.harmonics * x).sum().imag]
+    period = 2 * np.pi / nu
+    maps = []
+    for beside in (np.zeros(2), [1e-6, 0], [0, 1e-6], [-1e-6, 0], [0, -1e-6]):
+        moved = np.add(start, beside)
+        maps.append(truth(n | {"nu": nu}, moved, np.array([0, period]))[-1])
+    np.testing.assert_allclose(maps[0], start, atol=1e-8)
+    monodromy = np.array([maps[1] - maps[3], maps[2] - maps[4]]).T / 2e-6
+    expected = np.sort(np.abs(np.linalg.eigvals(monodromy)))
+    np.testing.assert_allclose(np.sort(np.abs(branch.multipliers[i])), expected, atol=1e-6)
+    many = vv.simulate_ensemble(
+        system, initial=[[0.3, -0.2], [0.1, 0.4]], t_end=12, load=n["load"], nu=n["nu"]
+    )
+    for row, first in zip(many.state, ([0.3, -0.2], [0.1, 0.4]), strict=True):
+        np.testing.assert_allclose(row, truth(n, first, np.array([0, 12.0]))[-1], atol=1e-7)
+
+
+def test_scenes(tmp_path):
+    """The driver's numbers are those of Python, for coordinates and structures."""
+    n = draw(300)
+    response = "&response nu=0.9 method='newton' harmonics=9 /\n"
+    force = f"&force law='{text(n)}' /\n"
+    first = f"&system coordinates='x' mass=1 stiffness={n['k']!r} damping={n['c']!r} /\n" + force
+    other = (
+        f"&structure coordinates='x' mass=1 stiffness={n['k']!r} damping={n['c']!r} /\n"
+        f"&element on='x' law='{text(n, 'd')}' /\n"
+    )
+    values = []
+    for name, scene in (("first", first), ("other", other)):
+        path = tmp_path / f"{name}.nml"
+        path.write_text(scene + f"&load amplitude={n['load']!r} /\n" + response)
+        values.append(vv.run(path).value)
+    orders = range(len(values[0].harmonics))
+    table = values[1].columns
+    found = np.array([table[f"x_{k}_re"][0] + 1j * table[f"x_{k}_im"][0] for k in orders])
+    expected = vv.forced_response(
+        systems(n)[0], [0.9], load=n["load"], method="newton", harmonics=9
+    ).coefficients[0, 0]
+    for one in (values[0].coefficients[0, 0], found):
+        np.testing.assert_allclose(one, expected, rtol=1e-9, atol=1e-12)
