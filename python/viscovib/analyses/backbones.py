@@ -23,6 +23,7 @@ from viscovib.common.values import Value
 from viscovib.errors import ConvergenceWarning, InputError, caller
 from viscovib.results.curves import MAX_SPECIAL, OUTCOMES, largest_panels
 from viscovib.results.structure_view import View
+from viscovib.systems.law_ends import told_edges
 from viscovib.systems.oscillators import Steady, check_steady, refuse_turning
 from viscovib.systems.structure import Structure
 
@@ -294,7 +295,14 @@ def oscillator_backbone(
     if n == 0:
         raise InputError(
             f"amplitude_range: no solution was found at its beginning {ends[0]:g}, nor on the way "
-            "up to it from rest, where this mode ends before: begin lower"
+            f"up to it from rest, where this mode ends before: begin lower{told_edges(system)}"
+        )
+    edges = told_edges(system) if OUTCOMES[ended] == "stuck" else ""
+    if edges:
+        warnings.warn(
+            f"the backbone ends at nu = {nu[n - 1]:.6g}{edges}",
+            ConvergenceWarning,
+            stacklevel=caller(),
         )
     warn_of_few(truncation[:n], wanted, int(kept[m - 1]))
     own = np.ascontiguousarray(coefficients[:m, :, :n].T)

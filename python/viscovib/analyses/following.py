@@ -34,6 +34,7 @@ from viscovib.results.curves import (
 from viscovib.results.dissipation import Parts
 from viscovib.results.structure_results import StructureBranch
 from viscovib.results.structure_view import View
+from viscovib.systems.law_ends import told_edges
 from viscovib.systems.load import LoadLike, base_shifts
 from viscovib.systems.oscillators import Steady, check_steady, refuse_turning
 from viscovib.systems.sticking import advice_on_sticking
@@ -220,7 +221,7 @@ def trace_mount(
     if not found[0]:
         raise InputError(
             f"{way.argument}: no solution was found at its beginning {way.start:g}: begin elsewhere"
-            f"{advice_on_sticking(system)}"
+            f"{told_edges(system)}{advice_on_sticking(system)}"
         )
     view = None
     if planned.loaded is not None:
@@ -345,7 +346,9 @@ def _branch(
         (falling(motions[worst]) if branch.truncation[worst] > allowed[worst] else "")
         + hanging(branch.stable, branch.truncation > allowed),
     )  # fmt: skip
-    advice = advice_on_sticking(system) if branch.outcome == "stuck" else ""
+    advice = ""
+    if branch.outcome == "stuck":
+        advice = told_edges(system) + advice_on_sticking(system)
     if advice:
         warnings.warn(
             f"the branch ends at {way.varies} = {values[-1]:.6g}{advice}",

@@ -30,6 +30,7 @@ from viscovib.results.response import Response
 from viscovib.results.structure_results import StructureResponse
 from viscovib.results.structure_view import View
 from viscovib.systems.condensed import LoadedStructure
+from viscovib.systems.law_ends import told_edges
 from viscovib.systems.load import LoadLike
 from viscovib.systems.oscillators import Steady, check_steady, oscillator_job, refuse_turning
 from viscovib.systems.polynomial_system import PolynomialSystem
@@ -327,7 +328,7 @@ def _warn_of_gaps(response: Response, system: Steady) -> None:
         f"{lost.sum()} of {asked} {'has' if lost.sum() == 1 else 'have'} no solution ({kinds}), "
         "between nu = "
         f"{response.nu[lost].min():.6g} and {response.nu[lost].max():.6g}; they hold NaN"
-        f"{advice_on_sticking(system)}",
+        f"{told_edges(system)}{advice_on_sticking(system)}",
         ConvergenceWarning,
         stacklevel=caller(),
     )

@@ -24,6 +24,7 @@ from viscovib.systems.law_ends import (
     law_pole,
     may_have_poles,
     pole_between,
+    told_edges,
     told_pole,
 )
 from viscovib.systems.mount import Mount
@@ -204,7 +205,7 @@ class Trajectory(Result):
         if ended is None and self.outcome == "step too large":
             return f"the motion goes on, but steps of {self.step:.6g} do not follow it {when}"
         if ended is None:
-            return f"the motion runs away {when}"
+            return f"the motion runs away {when}{told_edges(self.system)}"
         text, reads = ended
         where = ", ".join(f"{name} = {value:.6g}" for name, value in reads.items())
         if self.t_reached <= 1e-12 * self.step:

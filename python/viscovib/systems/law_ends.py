@@ -9,6 +9,7 @@ import numpy as np
 from viscovib._native import FloatArray
 from viscovib.systems.laws import Law
 from viscovib.systems.polynomial_system import PolynomialSystem
+from viscovib.systems.sticking import laws_of
 from viscovib.systems.structure import Structure
 
 #: What the core gives where a law has no value.
@@ -16,6 +17,9 @@ _WALL = 1e60
 #: Places of the way that are looked at, as parts of it, and bisections between two of them.
 _PARTS = np.concatenate([[0.0], np.logspace(-9, 0, 73)])
 _BISECTIONS = 60
+#: How far from rest edges are looked for, parts of that way, and of how many is told.
+_FARTHEST, _MOST_TOLD = 1e6, 4
+_FAR_PARTS = np.concatenate([[0.0], np.logspace(-15, 0, 301)])
 #: Parts of a way on which a pole is looked for, and by how much a law must grow beside it.
 _GRID, _FINE_GRID = np.linspace(0.0, 1.0, 41), np.linspace(0.0, 1.0, 401)
 _GROWTH = 1e6
@@ -129,6 +133,30 @@ def may_have_poles(system: object) -> bool:
     )
 
 
+def told_edges(system: object) -> str:
+    """Say where the force laws of a system end, if any does: "; the law 'log(1 + x)' ...".
+
+    Steady motions that come there are lost with their place. Each argument is tried alone, the
+    others at rest.
+    """
+    told = []
+    for law in laws_of(system):
+        if law.state:
+            continue
+        n = len(law.arguments)
+        for place in law.places:
+            for side in (-_FARTHEST, _FARTHEST):
+                along = np.zeros(n)
+                along[place] = side
+                part = _end(law, np.zeros(n), along, _FAR_PARTS)
+                if part is not None:
+                    others = {law.arguments[j]: 0.0 for j in law.places if j != place}
+                    reads = {law.arguments[place]: part * side} | others
+                    where = ", ".join(f"{name} = {value:.6g}" for name, value in reads.items())
+                    told.append(f"; the law {law.text!r} has no value beyond {where}")
+    return "".join(told[:_MOST_TOLD])
+
+
 def _size(system: object) -> int:
     if isinstance(system, Structure):
         programs = system._condensation.laws.programs
@@ -212,11 +240,10 @@ def _laws(
             )
 
 
-def _end(law: Law, at: FloatArray, along: FloatArray) -> float | None:
+def _end(law: Law, at: FloatArray, along: FloatArray, parts: FloatArray = _PARTS) -> float | None:
     """Return the first part of the way at which a law has no value, to rounding."""
     if law.state:
         return None
-    parts = _PARTS
     outside = law(at + parts[:, np.newaxis] * along)[0] == _WALL
     if not outside.any():
         return None

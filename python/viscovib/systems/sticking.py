@@ -17,7 +17,7 @@ _POSITIONS, _BESIDE = (0.0, 1.0, -1.0, 1e-3, -1e-3, 1e3, -1e3), 1e-250
 
 def advice_on_sticking(system: Any) -> str:
     """Return what to do where harmonics find nothing, if the system can stick; else nothing."""
-    text = next((law.text for law in _laws_of(system) if _sticks(law)), None)
+    text = next((law.text for law in laws_of(system) if _sticks(law)), None)
     if text is None:
         return ""
     return (
@@ -26,7 +26,8 @@ def advice_on_sticking(system: Any) -> str:
     )
 
 
-def _laws_of(system: Any) -> list[Law]:
+def laws_of(system: Any) -> list[Law]:
+    """Return the laws of a polynomial system or a structure."""
     if isinstance(system, PolynomialSystem):
         return [law for group in system.groups for _, law in group.laws]
     if not isinstance(system, Structure):
