@@ -1,0 +1,73 @@
+"""Elements with states beside Prony kernels: steady motions against SciPy, all as equations."""
+
+import numpy as np
+import pytest
+import viscovib as vv
+from scipy.integrate import solve_ivp
+
+pytestmark = pytest.mark.filterwarnings("ignore::viscovib.ConvergenceWarning")
+
+
+def drawn(seed):
+    """An element of each kind by turns, z' and its force by d, v and z, and numbers of the rest."""
+    rng = np.random.default_rng(seed)
+    n = {
+        "k": rng.uniform(0.8, 2), "c": rng.uniform(0.15, 0.4), "memory": rng.uniform(0.5, 1.5),
+        "weight": rng.uniform(0.1, 0.5), "rate": rng.uniform(0.6, 2.0),
+        "load": rng.uniform(0.8, 2), "nu": rng.uniform(0.6, 1.8),
+    }  # fmt: skip
+    s, f = rng.uniform(0.5, 2, 2), rng.uniform(0.1, 0.5, 2)
+
+    def slider(v, z, s, f):
+        return np.where(z * np.sign(v) < f, s * v, 0.0)
+
+    match seed % 4:
+        case 0:
+            element = vv.Jenkins(on="x1", stiffness=s[0], limit=f[0])
+            return n, element, lambda v, z: slider(v, z, s[:1], f[:1]), lambda d, z: z[0]
+        case 1:
+            element = vv.Iwan(on="x1", stiffness=s, limit=f)
+            return n, element, lambda v, z: slider(v, z, s, f), lambda d, z: z.sum()
+        case 2:
+            element = vv.Dahl(on="x1", stiffness=s[0], limit=f[0])
+            return (
+                n, element, lambda v, z: s[0] * (1 - z / f[0] * np.sign(v)) * v, lambda d, z: z[0]
+            )  # fmt: skip
+    b, a = rng.uniform(1, 3), rng.uniform(0, 0.5)
+    g = rng.uniform(-0.5, 1) * b
+    element = vv.BoucWen(on="x1", stiffness=s[0], ratio=a, beta=b, gamma=g)
+    return (
+        n, element, lambda v, z: (1 - (g + b * np.sign(z * v)) * np.abs(z)) * v,
+        lambda d, z: a * s[0] * d + (1 - a) * s[0] * z[0],
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("seed", range(16))
+def test_steady_motions(seed):
+    n, element, rates, force = drawn(seed)
+    kernel = vv.PronyKernel(weights=[n["weight"]], rates=[n["rate"]])
+    system = vv.Structure(
+        mass=[[1.0]], stiffness=[[n["k"]]], damping=[[n["c"]]],
+        elements=[element, vv.Spring(on="x1", stiffness=n["memory"], kernel=kernel)],
+    )  # fmt: skip
+    n_states = 2 if seed % 4 == 1 else 1
+
+    def slope(t, y):
+        x, v, m, z = y[0], y[1], y[2], y[3:]
+        pulled = n["k"] * x + n["memory"] * (x - n["weight"] * m) + force(x, z)
+        pushed = n["load"] * np.sin(n["nu"] * t)
+        return np.concatenate([[v, pushed - n["c"] * v - pulled, x - n["rate"] * m], rates(v, z)])
+
+    period, samples = 2 * np.pi / n["nu"], 64
+    late = period * (25 + np.arange(samples) / samples)
+    run = solve_ivp(
+        slope, (0, late[-1]), np.zeros(3 + n_states), method="RK45", rtol=1e-7, atol=1e-9,
+        max_step=period / 60, t_eval=late,
+    )  # fmt: skip
+    found = vv.forced_response(system, [n["nu"]], load=[n["load"]], method="newton", harmonics=41)
+    assert found.converged.all()
+    waves = np.exp(2j * np.pi * np.outer(found.harmonics, np.arange(samples) / samples))
+    x = (found.coefficients[0, 0] @ waves).imag
+    size = np.abs(x - x.mean()).max()
+    # Sliders settle with offsets that depend on the past: the motion about its mean is one.
+    np.testing.assert_allclose(x - x.mean(), run.y[0] - run.y[0].mean(), atol=2e-5 * size)
