@@ -32,7 +32,12 @@ def goes_whole(
     if len(system.dof_names) > MAX_DOF:
         told = f"is for structures of at most {MAX_DOF} coordinates, has {len(system.dof_names)}"
     elif system._all_kernels:
-        told = "is for structures without kernels"
+        kinds = sorted({type(kernel).__name__ for kernel in system._all_kernels})
+        told = (
+            f"is for structures without kernels, has {', '.join(kinds)}: its steps end where an "
+            "element switches, and the past is known at whole steps only; steady motions, "
+            "forced_response and trace_response, take both"
+        )
     elif system._reduced is not None:
         told = "is for structures that are not reduced"
     elif not dense_of(system.mass).any(axis=1).all():
