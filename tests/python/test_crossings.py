@@ -142,3 +142,16 @@ def test_exponents_that_turn_fast_have_a_place_too():
     fine = _crossings(system, (0.2603, 0.885), load, max_step=0.02, max_points=4000)
     assert [kind for kind, _ in found] == [kind for kind, _ in fine]
     assert [p for _, p in found] == pytest.approx([p for _, p in fine], rel=1e-8)
+
+
+def test_places_of_truncated_motions_are_told_as_such():
+    """They are exact for the harmonics kept, and off by the truncation for the whole motion."""
+    system = vv.PolynomialSystem(mass=1, stiffness=1, damping=0.05, forces="x^3")
+    with pytest.warns(vv.ConvergenceWarning, match="2 of 2 crossings beside these are those of"):
+        few = vv.trace_response(system, (1.2, 3), load=0.4, harmonics=3)
+    whole = vv.trace_response(system, (1.2, 3), load=0.4, harmonics=31)
+    places = [np.array([c.parameter for c in b.crossings]) for b in (few, whole)]
+    off = abs(places[0] / places[1] - 1).max()
+    assert [c.kind for c in few.crossings] == [c.kind for c in whole.crossings] == ["fold"] * 2
+    assert 1e-8 < off < 10 * few.truncation.max()
+    assert whole.truncation.max() < 1e-10

@@ -5,6 +5,8 @@ import pytest
 import scipy.integrate
 import viscovib as vv
 from balance_reference import random_system, steady_motion
+from referee.balance import Balance, load_rows, multipliers
+from referee.models import chain
 
 pytestmark = pytest.mark.filterwarnings("ignore::viscovib.RangeWarning")
 
@@ -154,3 +156,41 @@ def test_motions_against_integration(modes, damping):
     assert motion.in_range.all()
     assert error < 0.02 * abs(run.y[::2]).max()
     assert 0.4 < motion.error_estimate.max() / error < 2.5
+
+
+def test_stability_that_is_told_as_sure_is_that_of_floquet():
+    """Loads anywhere, large ones far from modes too, little damping: a rest is left open."""
+    sure, unsure, wrong = 0, 0, []
+    for seed in range(30):
+        rng = np.random.default_rng([99, seed])
+        n = 1 + seed % 2
+        damping = float(np.exp(rng.uniform(np.log(2e-4), np.log(2e-2))))
+        model = chain(rng, n, damping, cubic=(0.2, 1.0), quadratic=seed % 4 < 2).model()
+        nu = float(rng.uniform(0.25, 3.2) * model.frequencies[0])
+        size = float(np.exp(rng.uniform(np.log(0.02), np.log(0.5))))
+        names = {"np": np, "vv": vv}
+        exec(f"system = {model.source}", names)
+        found = vv.MultipleScales(names["system"], load=size, nu=nu).response("nu", [nu])
+        # One motion alone is that of the balance too.
+        if found.index.size > 1 or not found.in_range[0] or found.n_beats[0]:
+            continue
+        balance = Balance(model, 8)
+        load = load_rows(balance, {1: np.array([1j * size] + [0.0] * (n - 1))})
+        start = balance.real(1j * found.harmonics[0][:, None], np.array([1]))
+        motion = balance.solve(start, nu, load)
+        if motion is None:
+            continue
+        true = balance.complex(motion)
+        if abs(true[:, 1] / 1j - found.harmonics[0]).max() > 4 * found.error_estimate[0]:
+            continue
+        multiplier, off = multipliers(model, true, nu, 64)
+        growth = float(np.log(abs(multiplier[0])) * nu / (2 * np.pi))
+        if abs(growth) < 1e-5 + off[0]:
+            continue
+        sure += bool(found.decided[0])
+        unsure += not found.decided[0]
+        if found.decided[0] and bool(found.stable[0]) != (growth < 0):
+            wrong.append((seed, growth))
+    assert not wrong
+    assert sure >= 10
+    assert sure > unsure

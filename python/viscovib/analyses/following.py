@@ -17,7 +17,7 @@ from viscovib.analyses.starts import Start, StartLike, start_of
 from viscovib.analyses.steady import _prepare, falling
 from viscovib.bodies.body import Body
 from viscovib.bodies.varying_body import varied_body
-from viscovib.common.motion_stability import Stability, hanging
+from viscovib.common.motion_stability import Stability, hanging, truncated_crossings
 from viscovib.common.parameters import OPPOSITE, STABILITY, SYMMETRIC, CurveOptions
 from viscovib.common.plan import Plan
 from viscovib.errors import ConvergenceWarning, InputError, caller
@@ -344,7 +344,8 @@ def _branch(
         branch.truncation, allowed, tolerance, way.varies, p,
         f"harmonics up to {orders[-1]} do not reach the tolerance",
         (falling(motions[worst]) if branch.truncation[worst] > allowed[worst] else "")
-        + hanging(branch.stable, branch.truncation > allowed),
+        + hanging(branch.stable, branch.truncation > allowed)
+        + truncated_crossings([c.before for c in branch.crossings], branch.truncation > allowed),
     )  # fmt: skip
     advice = ""
     if branch.outcome == "stuck":

@@ -1,6 +1,7 @@
 """Stability of periodic motions as the core judges them."""
 
 import warnings
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -45,6 +46,18 @@ def hanging(stable: npt.NDArray[Any] | None, few: npt.NDArray[np.bool_]) -> str:
     if not n:
         return ""
     return f"; stability of {n} of these is unknown, for the harmonics left out decide it"
+
+
+def truncated_crossings(before: Sequence[int], few: npt.NDArray[np.bool_]) -> str:
+    """Say how many crossings lie beside motions with too ``few`` harmonics, if any do.
+
+    They are located along the motion of the harmonics kept, to its every digit; where the whole
+    motion changes its stability they do not tell to more than its truncation.
+    """
+    n = sum(bool(few[i : i + 2].any()) for i in before)
+    if not n:
+        return ""
+    return f"; {n} of {len(before)} crossings beside these are those of the truncated motion"
 
 
 class Stability(NamedTuple):

@@ -64,7 +64,9 @@ class Branch(PeriodicMotions, Curve):
     branch_points : tuple of BranchPoint
         Where others branch off: each may be given to `trace_response` as ``leave``.
     crossings : tuple of Crossing
-        Changes of stability, located to 1e-8 or better of what varies.
+        Changes of stability, located to 1e-8 or better of what varies, for the motion of the
+        harmonics kept: beside points with a ``truncation`` above the tolerance the whole motion
+        may change elsewhere, by some times that truncation.
     stops : ndarray of int
         Which points lie at the values asked for.
     outcome : str
