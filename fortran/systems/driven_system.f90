@@ -8,10 +8,17 @@ module viscovib_driven_system
   use viscovib_kinds, only: wp
   use viscovib_lanes, only: n_lanes
   use viscovib_law_branches, only: signal_type
+  use viscovib_vector_math, only: largest_angle
   implicit none
   private
 
-  public :: driven_system_type, differentiable_system_type
+  public :: driven_system_type, differentiable_system_type, range_type, range_of_degree
+
+  !> Beyond which a coordinate, a velocity and a change of accelerations in an iteration have run
+  !! away: those of angles and of numbers without a unit.
+  type :: range_type
+    real(wp) :: coordinate = largest_angle, speed = 1.0e15_wp, push = 1.0e15_wp
+  end type range_type
 
   type, abstract :: driven_system_type
     integer :: n_dof = 0
@@ -27,6 +34,8 @@ module viscovib_driven_system
     real(wp) :: present_piece(2) = 0.0_wp
     !> Whether the coordinates can leave what the equations describe.
     logical :: limited = .true.
+    !> What its numbers may be.
+    type(range_type) :: range
     !> Surfaces on which the equations have kinks or jumps: where a signal changes its sign. Not
     !! allocated: none.
     type(signal_type), allocatable :: signals(:)
@@ -100,6 +109,20 @@ module viscovib_driven_system
   end interface
 
 contains
+
+  !> The range of equations whose numbers may have any unit: an escape ends where its time stands
+  !! still, and nothing else does but what would overflow when it is raised to a power.
+  pure type(range_type) function range_of_degree(degree, walled) result(range)
+    !> Highest power of coordinates and velocities.
+    integer, intent(in) :: degree
+    !> Whether laws end at walls: a motion that meets one is soon too fast, not far.
+    logical, intent(in) :: walled
+    real(wp) :: largest
+    largest = 10.0_wp**(250.0_wp/max(degree, 1))
+    range%coordinate = min(1.0e30_wp, largest)
+    range%speed = min(merge(1.0e30_wp, 1.0e100_wp, walled), largest)
+    range%push = min(1.0e60_wp, largest)
+  end function range_of_degree
 
   !> A piece of time begins, within which the load is smooth.
   subroutine enter(self, from, to)

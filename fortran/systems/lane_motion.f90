@@ -6,13 +6,13 @@
 !! nu and the scales s differ from lane to lane.
 module viscovib_lane_motion
   use viscovib_dense, only: invert
-  use viscovib_driven_system, only: differentiable_system_type
+  use viscovib_driven_system, only: differentiable_system_type, range_of_degree
   use viscovib_kinds, only: wp
   use viscovib_lanes, only: multiply_lanes, n_lanes, turn
   use viscovib_law_lanes, only: evaluate_term
   use viscovib_law_term, only: law_term
   use viscovib_load, only: load_type
-  use viscovib_polynomial, only: monomial_type, multiply, polynomial_type
+  use viscovib_polynomial, only: highest_degree, monomial_type, multiply, polynomial_type
   implicit none
   private
 
@@ -64,6 +64,7 @@ contains
     motion%drives = [0.0_wp, 0.0_wp]
     motion%quarters = [0, 3]
     motion%limited = .false.
+    motion%range = range_of_degree(highest_degree(system%monomials), size(system%laws) > 0)
     call invert(cmplx(system%mass, 0.0_wp, wp), inverse, singular)
     m = real(inverse)
     motion%own = own

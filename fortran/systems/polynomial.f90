@@ -20,6 +20,7 @@ module viscovib_polynomial
   private
 
   public :: monomial_type, polynomial_type, polynomial_parameters, new_polynomial, multiply
+  public :: highest_degree
 
   !> Bounds that keep a slip of the pen from filling the memory.
   integer, parameter, public :: max_coordinates = 64, max_degree = 15
@@ -402,5 +403,15 @@ contains
     real(wp) :: stiffness(size(self%mass, 1), size(self%mass, 1))
     stiffness = matmul(self%spread, self%gather)
   end function stiffness_at_rest
+
+  !> Of monomials, 1 without any.
+  pure integer function highest_degree(monomials)
+    type(monomial_type), intent(in) :: monomials(:)
+    integer :: i
+    highest_degree = 1
+    do i = 1, size(monomials)
+      highest_degree = max(highest_degree, sum(monomials(i)%power))
+    end do
+  end function highest_degree
 
 end module viscovib_polynomial

@@ -7,7 +7,7 @@
 !! third, where F is given, is the time since the present piece of it began.
 module viscovib_polynomial_motion
   use viscovib_dense, only: invert
-  use viscovib_driven_system, only: driven_system_type
+  use viscovib_driven_system, only: driven_system_type, range_of_degree
   use viscovib_frozen_surfaces, only: frozen
   use viscovib_kinds, only: wp
   use viscovib_lanes, only: add_two, max_dof, most_sloped, n_lanes, turn
@@ -16,7 +16,7 @@ module viscovib_polynomial_motion
   use viscovib_law_term, only: law_term, part_linear
   use viscovib_load, only: load_type
   use viscovib_monomial_lanes, only: add_monomial_slopes, take_monomials
-  use viscovib_polynomial, only: monomial_type, polynomial_type
+  use viscovib_polynomial, only: highest_degree, monomial_type, polynomial_type
   use viscovib_status, only: fail, show, status_input_error, status_type
   use viscovib_switched_laws, only: new_switched_laws, switched_laws
   implicit none
@@ -90,6 +90,7 @@ contains
     motion%drives = [(nu, i=1, 2)]
     motion%quarters = [0, 3]
     motion%limited = .false.
+    motion%range = range_of_degree(highest_degree(system%monomials), size(system%laws) > 0)
     motion%linear_rate = sqrt(maxval(sum(abs(motion%stiffness), 2))) &
                          + maxval(sum(abs(motion%damping), 2))
     laws = system%laws

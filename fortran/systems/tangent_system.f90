@@ -26,6 +26,7 @@ contains
     system%drives = base%drives
     if (allocated(base%quarters)) system%quarters = base%quarters
     system%limited = base%limited
+    system%range = base%range
   end subroutine new_tangent_system
 
   pure subroutine acceleration(self, q, v, drive, a)

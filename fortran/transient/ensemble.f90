@@ -13,7 +13,6 @@ module viscovib_ensemble
   use viscovib_stops, only: find_stop, least_between, needs_small_steps, run_coarse, &
     run_completed, stop_type
   use viscovib_tangent_system, only: new_tangent_system, tangent_system_type
-  use viscovib_vector_math, only: largest_angle
   implicit none
   private
 
@@ -23,8 +22,6 @@ module viscovib_ensemble
   integer, parameter :: patience = 512
   !> Steps between two rescalings of a disturbance.
   integer, parameter :: rescaling = 8
-  !> Weighs velocities in the test for runaway lanes: beyond 1e15 they are.
-  real(wp), parameter :: speed_weight = 1.0e-9_wp
 
   !> What to do with every trajectory.
   type :: ensemble_job
@@ -213,8 +210,8 @@ contains
         good = good .and. f%others(l)%made
       end do
     end if
-    good = good .and. sum(abs(f%q(:, :f%n)), 2) + speed_weight*sum(abs(f%v(:, :f%n)), 2) &
-           <= largest_angle
+    good = good .and. sum(abs(f%q(:, :f%n)), 2)/system%range%coordinate &
+           + sum(abs(f%v(:, :f%n)), 2)/system%range%speed <= 1.0_wp
     call measure_margin(f, system, block%h)
     doubtful = f%alive .and. .not. good
     if (system%limited) then

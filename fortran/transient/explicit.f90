@@ -302,8 +302,8 @@ contains
       do i = 1, t%n_stages
         call self%stage(system, i, t%n_first, t%first_from(1, i), t%first_weights(1, 1, i), room, &
                         room(1, p%f_new))
-        call exchange_lanes(self%n_dof, room(1, p%f_new), room(1, p%f + max_dof*(i - 1)), state, &
-                            change, total)
+        call exchange_lanes(self%n_dof, system%range%push, room(1, p%f_new), &
+                            room(1, p%f + max_dof*(i - 1)), state, change, total)
       end do
       call count_stages(self, t%n_stages)
     end associate
@@ -331,8 +331,8 @@ contains
                           room(1, p%f_new))
           room(:, p%node_q + max_dof*(i - 1):p%node_q + max_dof*(i - 1) + self%n_dof - 1) = &
             room(:, p%stage_q:p%stage_q + self%n_dof - 1)
-          call exchange_lanes(self%n_dof, room(1, p%f_new), room(1, p%f + max_dof*(i - 1)), state, &
-                              change, total)
+          call exchange_lanes(self%n_dof, system%range%push, room(1, p%f_new), &
+                              room(1, p%f + max_dof*(i - 1)), state, change, total)
         end do
         call count_stages(self, t%n_stages)
         call judge_sweep(k, t%n_stages, room(1, p%h), scale, change, before, total, state)

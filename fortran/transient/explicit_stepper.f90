@@ -56,7 +56,7 @@ contains
     call self%block%step(system)
     call self%block%get_state(q, v)
     self%n_evaluations = self%block%n_evaluations
-    made = in_range(q(1, :), v(1, :))
+    made = in_range(system, q(1, :), v(1, :))
     if (.not. made) return
     self%q = q(1, :)
     self%v = v(1, :)

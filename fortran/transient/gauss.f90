@@ -19,7 +19,6 @@ module viscovib_gauss
   use viscovib_phases, only: new_phases, phases_type, turn_phase
   use viscovib_step_path, only: new_path, step_path
   use viscovib_stepper, only: stepper_type
-  use viscovib_vector_math, only: largest_angle
   implicit none
   private
 
@@ -27,8 +26,6 @@ module viscovib_gauss
 
   !> Iterations of a step before it is tried again from a constant start.
   integer, parameter :: max_iterations = 40
-  !> Accelerations that change by more than this are running away.
-  real(wp), parameter :: runaway = 1.0e15_wp
   !> Changes below this are those of numbers that fade out of range.
   real(wp), parameter :: negligible = 1.0e-300_wp
   !> Part of the state that a step does not resolve.
@@ -293,7 +290,8 @@ contains
                         q_0, v_0, total, max(self%tolerance*total, negligible), lost, &
                         self%h**2, room(1, p%f), room(1, p%f_new), room(1, p%q), room(1, p%v), &
                         self%n_evaluations, converged)
-      if (converged) converged = all(abs(room(1, p%q:p%q + n - 1)) <= largest_angle)
+      if (.not. converged) return
+      converged = all(abs(room(1, p%q:p%q + n - 1)) <= system%range%coordinate)
     end associate
   end subroutine solve
 
@@ -335,7 +333,7 @@ contains
           call exchange(n, room(1, p%f_new + max_dof*b), room(1, p%f + max_dof*b), change)
         end do
         ! An iterate that runs away is stopped before it overflows.
-        if (.not. change <= runaway) return
+        if (.not. change <= system%range%push) return
         ! The next correction would shrink by the same factor again.
         expected = change
         if (before > change) expected = change*(change/before)
@@ -344,7 +342,8 @@ contains
         if (k > 2 .and. change >= 0.5_wp*before .and. self%h**2*change <= lost) exit
         before = change
       end do
-      converged = k <= max_iterations .and. all(abs(room(1, p%q:p%q + n - 1)) <= largest_angle)
+      converged = k <= max_iterations &
+                  .and. all(abs(room(1, p%q:p%q + n - 1)) <= system%range%coordinate)
     end associate
   end subroutine iterate
 

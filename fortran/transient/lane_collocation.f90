@@ -14,8 +14,6 @@ module viscovib_lane_collocation
 
   !> Sweeps over all nodes before a step counts as too large.
   integer, parameter, public :: max_sweeps = 40
-  !> Accelerations that change by more than this are running away.
-  real(wp), parameter :: runaway = 1.0e15_wp
   !> Relative change of accelerations at which they are solved: only rounding still changes.
   real(wp), parameter :: solved = 4.0e-15_wp
   !> Changes below this are those of numbers that fade out of range.
@@ -43,8 +41,10 @@ contains
 
   !> Put new accelerations of a node in the place of old ones in lanes at work; add up changes and
   !! sizes.
-  pure subroutine exchange_lanes(n_dof, new, old, state, change, total)
+  pure subroutine exchange_lanes(n_dof, runaway, new, old, state, change, total)
     integer, intent(in) :: n_dof
+    !> Accelerations that change by more than this are running away.
+    real(wp), intent(in) :: runaway
     real(wp), intent(in) :: new(n_lanes, max_dof)
     real(wp), intent(inout) :: old(n_lanes, max_dof)
     real(wp), intent(inout), dimension(n_lanes) :: state, change, total

@@ -22,8 +22,6 @@ module viscovib_node_newton
   integer, parameter :: max_steps = 8, max_terms = 30
   !> A series may grow at first, being that of a matrix that is not normal.
   integer, parameter :: may_grow = 4
-  !> Changes larger than this are running away.
-  real(wp), parameter :: runaway = 1.0e15_wp
   !> A step leaves the square of the relative change before it, as a rule; the series is summed to
   !! this part of that, and of what is wanted.
   real(wp), parameter :: fine = 0.1_wp
@@ -66,14 +64,15 @@ contains
       do b = 1, blocks
         call part(n, f_new(1, 1, b), f(1, 1, b), change)
       end do
-      if (.not. change <= runaway) return
+      if (.not. change <= system%range%push) return
       if (k > 2 .and. change > before) then
         ! Where accelerations are what large terms leave, rounding is all that still changes.
         converged = h_2*change <= lost
         return
       end if
       left = max(fine*wanted, fine*change*(change/max(total, change, wanted)))
-      call add_series(n, blocks, times, sums, by_q, by_v, left, f, f_new, q, v, summed)
+      call add_series(n, blocks, times, sums, by_q, by_v, left, system%range%push, f, f_new, q, &
+                      v, summed)
       if (.not. summed) return
       if (change <= wanted) exit
       if (k > 1 .and. left <= wanted .and. change <= before) then
@@ -110,13 +109,13 @@ contains
   end subroutine part
 
   !> f + M r + M^2 r + ..., r being what `r` holds at first.
-  pure subroutine add_series(n, blocks, times, sums, by_q, by_v, left, f, r, q, v, summed)
+  pure subroutine add_series(n, blocks, times, sums, by_q, by_v, left, most, f, r, q, v, summed)
     integer, intent(in) :: n, blocks
     real(wp), intent(in) :: times(n_lanes, blocks)
     real(wp), intent(in) :: sums(n_lanes, 2, n_lanes*blocks, blocks)
     real(wp), intent(in) :: by_q(n_lanes, most_sloped**2, 2), by_v(n_lanes, most_sloped**2, 2)
-    !> What may be left out.
-    real(wp), intent(in) :: left
+    !> What may be left out; terms above the other run away.
+    real(wp), intent(in) :: left, most
     real(wp), intent(inout) :: f(n_lanes, max_dof, blocks), r(n_lanes, max_dof, blocks)
     !> Room.
     real(wp), intent(inout) :: q(n_lanes, max_dof, blocks), v(n_lanes, max_dof, blocks)
@@ -137,7 +136,7 @@ contains
         call next_term(n, by_q(1, 1, b), by_v(1, 1, b), q(1, 1, b), v(1, 1, b), r(1, 1, b), &
                        f(1, 1, b), size_of)
       end do
-      if (.not. size_of <= runaway) return
+      if (.not. size_of <= most) return
       if (i > may_grow .and. size_of > before) return
       expected = size_of
       if (i > 1 .and. size_of < before) expected = size_of*(size_of/before)

@@ -149,7 +149,7 @@ contains
     if (past%is_due()) call note(past, at%from, method)
     call method%step(system, at%made)
     doubtful = .not. at%made
-    if (at%made) doubtful = .not. in_range(method%q, method%v)
+    if (at%made) doubtful = .not. in_range(system, method%q, method%v)
     if (system%limited .and. .not. doubtful) then
       doubtful = needs_small_steps(system, 1, at%q, at%v, method%h, &
                                    method%least_margin(system, at%q, at%v))
@@ -302,7 +302,7 @@ contains
     if (outcome == run_completed .or. outcome == run_coarse) then
       outcome = run_completed
       sound = at%made
-      if (sound) sound = in_range(method%q, method%v)
+      if (sound) sound = in_range(system, method%q, method%v)
       if (sound) sound = system%physical(method%q)
       if (sound) return
       stop%outcome = run_coarse

@@ -20,7 +20,6 @@ module viscovib_stops
   use viscovib_quadrature, only: gauss_nodes
   use viscovib_step_path, only: new_path, step_path
   use viscovib_stiff_step, only: fastest_damping, n_nodes, radau_nodes, stiff_step
-  use viscovib_vector_math, only: largest_angle
   implicit none
   private
 
@@ -35,8 +34,6 @@ module viscovib_stops
     [character(len=14) :: 'completed', 'diverged', 'unphysical', 'stopped', 'step too large', &
      'event']
 
-  !> Beyond this a velocity has run away.
-  real(wp), parameter :: largest_speed = 1.0e15_wp
   !> Part of a state by which a step may differ from two of half its length.
   real(wp), parameter :: closeness = 1.0e-12_wp
   !> Where steps become as short as rounding of time, the motion is at the edge of its
@@ -96,9 +93,10 @@ module viscovib_stops
 contains
 
   !> Whether a state can be computed with.
-  pure logical function in_range(q, v)
+  pure logical function in_range(system, q, v)
+    class(driven_system_type), intent(in) :: system
     real(wp), intent(in) :: q(:), v(:)
-    in_range = all(abs(q) <= largest_angle) .and. all(abs(v) <= largest_speed)
+    in_range = all(abs(q) <= system%range%coordinate) .and. all(abs(v) <= system%range%speed)
   end function in_range
 
   !> Whether a step of the run may be wrong that seems to be made: beside the edge of the physics
@@ -218,7 +216,7 @@ contains
         lost = margin - margin_of(system, whole)
         s = s*min(0.9_wp, (margin - 1.5_wp*edge)/lost)
       else if (leaves(system, whole)) then
-        call bisect(system, method, at, s, stop)
+        call bisect(system, method, at, s, shortest, stop)
         call show_step(system, method, at, stop%ahead - at%ahead, visitor)
         return
       else if (min(least_margin(system, at, half, 0.5_wp*s), &
@@ -237,11 +235,12 @@ contains
   end subroutine march
 
   !> The last state before a motion leaves within a step of length s that is resolved.
-  subroutine bisect(system, method, at, s, stop)
+  subroutine bisect(system, method, at, s, shortest, stop)
     class(driven_system_type), intent(in) :: system
     type(explicit_type), intent(inout) :: method
     type(scout_type), intent(in) :: at
-    real(wp), intent(in) :: s
+    !> Its length; what is shorter is no time.
+    real(wp), intent(in) :: s, shortest
     type(stop_type), intent(out) :: stop
     type(scout_type) :: inside, outside, try
     real(wp) :: low, high, middle
@@ -265,8 +264,11 @@ contains
       end if
     end do
     ! At the edge of the physics velocities may be infinite.
-    at_edge = in_range(outside%q(:at%n), outside%v(:at%n)) .or. margin_of(system, inside) <= edge
+    at_edge = in_range(system, outside%q(:at%n), outside%v(:at%n)) &
+              .or. margin_of(system, inside) <= edge
     stop%outcome = merge(run_unphysical, run_diverged, at_edge)
+    ! A wall throws it far in less time than counts.
+    if (.not. at_edge .and. low <= shortest) inside = at
     stop%ahead = inside%ahead
     stop%q = inside%q
     stop%v = inside%v
@@ -434,7 +436,7 @@ contains
     class(driven_system_type), intent(in) :: system
     type(scout_type), intent(in) :: at
     leaves = .true.
-    if (in_range(at%q(:at%n), at%v(:at%n))) leaves = .not. margin_of(system, at) > 0.0_wp
+    if (in_range(system, at%q(:at%n), at%v(:at%n))) leaves = .not. margin_of(system, at) > 0.0_wp
   end function leaves
 
   real(wp) function margin_of(system, at)

@@ -52,7 +52,7 @@ contains
       v = method%v
       if (ahead > 4.0_wp*spacing(now)) then
         call method%look_ahead(system, ahead, q, v, made)
-        if (made) made = in_range(q, v)
+        if (made) made = in_range(system, q, v)
         if (.not. made) then
           call find_stop(system, size(q), 1, spread(system%drives, 1, n_lanes), method%q, &
                          method%v, now, ahead, stop)

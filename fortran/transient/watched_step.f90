@@ -125,7 +125,7 @@ contains
     if (at%grade > 0.0_wp .and. at%grade < method%h) call shorten(at, method, system, at%grade)
     if (system%timed) method%since = at%from - system%present_piece(1)
     call method%step(system, at%made)
-    if (at%made) at%made = in_range(method%q, method%v)
+    if (at%made) at%made = in_range(system, method%q, method%v)
     if (.not. at%made) return
     at%near_edge = system%limited
     if (system%limited) then
