@@ -64,3 +64,38 @@ subroutine sampling_errors(flat, n_flat, kind_x, data_x, n_x, kind_phi, data_phi
   end do
   call report(outcome, status)
 end subroutine sampling_errors
+
+!> Energy lost in a period (J) by motions of a system at frequencies `nu` and factors of its load,
+!! shape (n): harmonics relative to the base; NaN where it is not known.
+subroutine motion_losses(flat, n_flat, kind_x, data_x, n_x, kind_phi, data_phi, n_phi, orders, &
+                         series, n_rows, n_series, kept, n_kept, nu, factor, highest, linear, &
+                         motions, n, lost, status)
+  use, intrinsic :: iso_c_binding, only: c_double, c_double_complex, c_int
+  use viscovib_binding_tools, only: make_load, make_system, report
+  use viscovib_load, only: load_type
+  use viscovib_motion_checks, only: losses_of
+  use viscovib_oscillator, only: oscillator_type
+  use viscovib_status, only: status_type
+  implicit none
+  integer(c_int), intent(in) :: n_flat, kind_x, n_x, kind_phi, n_phi, n_rows, n_series, n, n_kept
+  integer(c_int), intent(in) :: orders(n_series), kept(n_kept), highest(n), linear
+  real(c_double), intent(in) :: flat(n_flat), data_x(n_x), data_phi(n_phi), nu(n), factor(n)
+  complex(c_double_complex), intent(in) :: series(n_rows, n_series)
+  complex(c_double_complex), intent(in) :: motions(n_kept, n_rows - 1, n)
+  real(c_double), intent(out) :: lost(n)
+  integer(c_int), intent(out) :: status
+  !f2py threadsafe
+  class(oscillator_type), allocatable :: system
+  type(load_type) :: load
+  type(status_type) :: outcome
+
+  lost = 0.0_c_double
+  call make_load(load, orders, series, outcome)
+  if (.not. outcome%failed()) then
+    call make_system(system, flat, kind_x, data_x, kind_phi, data_phi, outcome)
+  end if
+  if (.not. outcome%failed()) then
+    call losses_of(system, load, kept, nu, factor, highest, linear /= 0, motions, lost)
+  end if
+  call report(outcome, status)
+end subroutine motion_losses

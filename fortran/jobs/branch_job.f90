@@ -5,6 +5,7 @@ module viscovib_branch_job
   use viscovib_crossings, only: crossing_type, find_crossings
   use viscovib_curve_branch, only: curve_branch_type, curve_completed, curve_options, curve_outcomes
   use viscovib_curve_columns, only: add_stability, note_crossings, stability_note
+  use viscovib_extra_columns, only: extra_columns
   use viscovib_family_curve, only: judge_systems, new_family_curve, new_plain_curve, system_builder
   use viscovib_harmonic_set, only: harmonic_set_type
   use viscovib_job, only: job_report, job_type, plan_unwanted, table_sink
@@ -41,6 +42,8 @@ module viscovib_branch_job
     type(response_options) :: options
     type(curve_options) :: curve
     logical :: stability = .true.
+    !> What the table tells besides, of a branch over the frequency or the load.
+    type(extra_columns) :: extra
   contains
     procedure, nopass :: kind => this_kind
     procedure :: plan => plan_branch
@@ -114,6 +117,7 @@ contains
     type(stability_type) :: stability
     type(crossing_type), allocatable :: crossings(:)
     type(table_type) :: table
+    type(extra_columns) :: extra
     integer, allocatable :: orders(:)
     integer, allocatable, target :: highest(:)
     integer :: i, j, n, short
@@ -123,6 +127,8 @@ contains
     call follow_branch(self, plan, subject%oscillator(), subject%load, branch, orders, highest, &
                        stability, crossings, status)
     if (status%failed()) return
+    extra = self%extra
+    call find_extra()
     if (subject%is_structure) then
       call show_structure()
     else if (size(self%wanted) < size(subject%coordinates)) then
@@ -130,7 +136,7 @@ contains
       branch%x = branch%x([((n*(self%wanted(j) - 1) + i, i=1, n), j=1, size(self%wanted))], :)
     end if
     call tabulate(self%varies, orders, highest, branch, stability, crossings, &
-                  subject%coordinates(self%wanted), subject%units(self%wanted), table)
+                  subject%coordinates(self%wanted), subject%units(self%wanted), extra, table)
     call sink%put(this_kind(), table, status)
     short = count(branch%truncation(:branch%n_points) > branch%allowed)
     report%complete = branch%outcome == curve_completed .and. short == 0
@@ -141,10 +147,10 @@ contains
 
   contains
 
-    !> From deflections to the coordinates wanted.
-    subroutine show_structure()
-      complex(wp), allocatable :: motions(:, :, :)
-      real(wp), allocatable :: nu(:), factor(:)
+    !> The motions solved for, their frequencies and the factors of their loads.
+    subroutine take_motions(nu, factor, motions)
+      real(wp), allocatable, intent(out) :: nu(:), factor(:)
+      complex(wp), allocatable, intent(out) :: motions(:, :, :)
 
       n = branch%n_points
       motions = reshape(cmplx(branch%x(1::2, :n), branch%x(2::2, :n), wp), &
@@ -153,6 +159,23 @@ contains
       factor = spread(1.0_wp, 1, n)
       if (self%varies == 'nu') nu = branch%parameter(:n)
       if (self%varies == 'load_factor') factor = branch%parameter(:n)
+    end subroutine take_motions
+
+    subroutine find_extra()
+      complex(wp), allocatable :: motions(:, :, :)
+      real(wp), allocatable :: nu(:), factor(:)
+      if (.not. (extra%sampling .or. extra%dissipation)) return
+      call take_motions(nu, factor, motions)
+      call extra%find(subject, orders, nu, factor, highest, .false., .not. subject%is_structure, &
+                      motions)
+    end subroutine find_extra
+
+    !> From deflections to the coordinates wanted.
+    subroutine show_structure()
+      complex(wp), allocatable :: motions(:, :, :)
+      real(wp), allocatable :: nu(:), factor(:)
+
+      call take_motions(nu, factor, motions)
       call subject%show_motions(nu, factor, orders, self%wanted, .false., motions)
       deallocate (branch%x)
       allocate (branch%x(2*size(orders)*size(self%wanted), n))
@@ -264,7 +287,8 @@ contains
   end subroutine follow_branch
 
   !> A row a point.
-  subroutine tabulate(varies, orders, highest, branch, stability, crossings, names, units, table)
+  subroutine tabulate(varies, orders, highest, branch, stability, crossings, names, units, extra, &
+                      table)
     !> What varies, the first column.
     character(len=*), intent(in) :: varies
     integer, intent(in) :: orders(:)
@@ -274,6 +298,7 @@ contains
     type(crossing_type), intent(in) :: crossings(:)
     !> Of the coordinates.
     character(len=*), intent(in) :: names(:), units(:)
+    type(extra_columns), intent(in) :: extra
     type(table_type), intent(out) :: table
     character(len=:), allocatable :: note, order
     integer :: d, i, k, n
@@ -295,6 +320,8 @@ contains
     call table%add_integers('highest', highest)
     call table%add_reals('truncation', branch%truncation(:n))
     call table%add_reals('error', branch%error(:n))
+    call extra%tell(table)
+    call extra%add(table)
     i = 0
     do d = 1, size(names)
       do k = 1, size(orders)

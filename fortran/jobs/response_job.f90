@@ -1,12 +1,13 @@
 !> A steady response at given frequencies, of a mount or a polynomial system.
 module viscovib_response_job
   use viscovib_counters, only: count_up, counted_columns, counting
+  use viscovib_extra_columns, only: extra_columns
   use viscovib_forced_response, only: forced_response
   use viscovib_job, only: job_report, job_type, plan_unwanted, table_sink
   use viscovib_kinds, only: wp
   use viscovib_outcomes, only: outcome_converged, outcome_names
   use viscovib_response, only: response_options, response_type
-  use viscovib_response_plan, only: new_response_plan, response_plan_type
+  use viscovib_response_plan, only: method_linear, new_response_plan, response_plan_type
   use viscovib_status, only: show, status_type, things
   use viscovib_subject, only: subject_type
   use viscovib_table, only: table_type
@@ -20,6 +21,8 @@ module viscovib_response_job
     real(wp), allocatable :: nu(:)
     integer :: method = 0
     type(response_options) :: options
+    !> What the table tells besides.
+    type(extra_columns) :: extra
   contains
     procedure, nopass :: kind => this_kind
     procedure :: plan => plan_response
@@ -56,17 +59,23 @@ contains
     type(response_plan_type) :: plan
     type(response_type), target :: response
     type(table_type) :: table
-    integer :: found, i, short
+    type(extra_columns) :: extra
+    real(wp), allocatable :: ones(:)
+    integer :: found, short
 
     call new_response_plan(plan, subject%oscillator(), subject%load, self%nu, self%method, &
                            self%options, status)
     if (status%failed()) return
     call forced_response(plan, subject%oscillator(), subject%load, self%nu, response)
     found = count(response%outcome == outcome_converged)
-    call subject%show_motions(response%nu, [(1.0_wp, i=1, size(self%nu))], response%orders, &
+    allocate (ones(size(self%nu)), source=1.0_wp)
+    extra = self%extra
+    call extra%find(subject, response%orders, response%nu, ones, response%highest, &
+                    plan%method == method_linear, .true., response%coefficients)
+    call subject%show_motions(response%nu, ones, response%orders, &
                               self%wanted, .true., response%coefficients)
     call tabulate_response(response, subject%coordinates(self%wanted), &
-                           subject%units(self%wanted), table)
+                           subject%units(self%wanted), table, extra)
     call sink%put(this_kind(), table, status)
     short = count(pack(response%truncation, response%outcome == outcome_converged) &
                   > pack(response%allowed, response%outcome == outcome_converged))
@@ -78,11 +87,12 @@ contains
   end subroutine run
 
   !> A row a frequency.
-  subroutine tabulate_response(response, coordinates, units, table)
+  subroutine tabulate_response(response, coordinates, units, table, extra)
     type(response_type), intent(in), target :: response
     !> Names and units, one a coordinate.
     character(len=*), intent(in) :: coordinates(:), units(:)
     type(table_type), intent(out) :: table
+    type(extra_columns), intent(in), optional :: extra
     character(len=:), allocatable :: names
     integer :: d, k
 
@@ -102,6 +112,10 @@ contains
     call table%add_reals('rate', response%rate)
     call table%add_integers('highest', response%highest)
     call table%add_reals('truncation', response%truncation)
+    if (present(extra)) then
+      call extra%tell(table)
+      call extra%add(table)
+    end if
     if (allocated(response%stability%stable)) then
       call table%note('stable: 1: stable, 0: not, -1: unknown')
       call table%add_integers('stable', response%stability%stable)

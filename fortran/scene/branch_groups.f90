@@ -4,6 +4,7 @@ module viscovib_branch_groups
   use viscovib_branch_job, only: branch_job
   use viscovib_checks, only: check_positive
   use viscovib_curve_groups, only: read_curve, read_yes
+  use viscovib_extra_groups, only: read_extra
   use viscovib_group_reader, only: group_reader
   use viscovib_kinds, only: wp
   use viscovib_limits, only: nearly_nothing
@@ -57,6 +58,11 @@ contains
     job%options%tolerance = job%curve%tolerance
     job%options%absolute = job%curve%atol
     job%stability = read_yes(reader, 'stability')
+    call read_extra(reader, subject, job%extra)
+    if (job%number > 0) then
+      if (job%extra%sampling) call refuse_extra('sampling')
+      if (job%extra%dissipation) call refuse_extra('dissipation')
+    end if
     if (reader%status%failed()) return
     if (choice > 1) then
       call check_positive('nu', job%nu, status)
@@ -72,6 +78,15 @@ contains
       call reader%complain(word, word//' = '//show(job%curve%finish)//': must differ from ' &
                            //trim(before)//'from')
     end if
+
+  contains
+
+    subroutine refuse_extra(key)
+      character(len=*), intent(in) :: key
+      call reader%complain(key, key//' = yes: the system changes along a branch over ' &
+                           //job%varies//', must be no, or vary nu or load_factor')
+    end subroutine refuse_extra
+
   end subroutine read_branch
 
   !> The body at the beginning of a branch along one of its numbers, which must make one at both

@@ -10,6 +10,7 @@ module viscovib_scene_results
   use viscovib_driven_job, only: driven_job
   use viscovib_ensemble_groups, only: read_ensemble
   use viscovib_event_groups, only: read_events
+  use viscovib_extra_groups, only: read_extra
   use viscovib_group_reader, only: group_reader
   use viscovib_growing_text, only: growing_text
   use viscovib_hereditary_job, only: hereditary_job
@@ -58,7 +59,7 @@ contains
     end if
     select case (file%groups(n)%name)
     case ('response')
-      call read_response_job(reader, job)
+      call read_response_job(reader, subject, job)
     case ('branch')
       call read_branch_job(reader, subject, job)
     case ('backbone')
@@ -102,13 +103,15 @@ contains
 
   end subroutine read_result
 
-  subroutine read_response_job(reader, job)
+  subroutine read_response_job(reader, subject, job)
     type(group_reader), intent(inout) :: reader
+    type(subject_type), intent(in) :: subject
     class(job_type), allocatable, intent(out) :: job
     type(response_job), allocatable :: own
 
     allocate (own)
     call read_response(reader, own%method, own%options, own%nu)
+    call read_extra(reader, subject, own%extra)
     call move_alloc(own, job)
   end subroutine read_response_job
 

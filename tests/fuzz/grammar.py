@@ -73,7 +73,8 @@ SEEDS = {
 &force on='x2' law='k3*(x1 - x2)^3' /
 &force on='x1' law='f0*tanh(x1_dot/soft)' /
 &load on='x1' amplitude=0.3 /
-&response nu_min=0.3 nu_max=2 nu_count=3 harmonics=5 method='newton' /
+&response nu_min=0.3 nu_max=2 nu_count=3 harmonics=5 method='newton' sampling='yes'
+  dissipation='yes' /
 """,
     "body": """&body mass=10 inertia=0.3 0.01 0 0.01 0.2 0 0 0 0.4 gravity=0 0 -9.81 /
 &kernel kind='prony' weights=0.3 rates=1.5 /

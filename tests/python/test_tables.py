@@ -55,6 +55,34 @@ MORE = {
     "modes_of_a_pendulum": """&pendulum e=0.1 w2=0.4 w3=0.8 /
 &modes /
 """,
+    "lost": """&system coordinates='x' 'y' mass=1 1 stiffness=2 -1 -1 2 damping=0.05 0 0 0.05
+  base_direction=1 0.5 /
+&kernel kind='prony' weights=0.3 rates=1.5 /
+&force on='x' law='0.2*tanh(x_dot/0.1) + 0.3*x^3' kernel=0 /
+&force on='y' law='0.1*y^3' kernel=1 /
+&load on='x' amplitude=0.4 /
+&load kind='base' amplitude=0.1 phase=0.4 /
+&response nu=0.5 0.7 1.2 method='newton' harmonics=9 sampling='yes' dissipation='yes'
+  coordinates='y' /
+""",
+    "lost_linear": """&mount mass=1 inertia=0.1 offset=0.5 stiffness_x=10 stiffness_phi=2
+  damping=0.1 0 0 0.1 /
+&kernel kind='abel' amplitude=0.05 alpha=0.3 /
+&load amplitude=0.1 /
+&response nu=1 2 3 method='linear' sampling='yes' dissipation='yes' /
+""",
+    "lost_by_a_mount": """&mount mass=1 inertia=0.1 offset=0.5 stiffness_x=10 stiffness_phi=2
+  geometry='exact' damping=0.1 0 0 0.1 /
+&kernel kind='prony' weights=0.3 rates=1.5 /
+&load kind='base' amplitude=0.1 phase=1 /
+&load order=3 amplitude=0.05 /
+&response nu=1 2 3 method='newton' sampling='yes' dissipation='yes' stability='yes' /
+""",
+    "lost_along": """&system coordinates='x' mass=1 stiffness=1 damping=0.1 base_direction=1 /
+&force on='x' law='0.5*x*abs(x) + 0.1*x_dot^3' /
+&load kind='base' amplitude=0.3 phase=0.5 /
+&branch nu=1.2 vary='load_factor' from=0.2 to=1 sampling='yes' dissipation='yes' /
+""",
     "many": """&scene title='a diagram' /
 &system coordinates='x' mass=1 stiffness=-1 damping=0.3 /
 &force on='x' law='x^3' /

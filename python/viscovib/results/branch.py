@@ -20,7 +20,7 @@ from viscovib.common.tables import Table, listed_units
 from viscovib.errors import InputError
 from viscovib.results.curves import BranchPoint, Crossing, Curve, branch_notes
 from viscovib.results.dissipation import Parts
-from viscovib.results.sampling import sampling_errors, told_sampling
+from viscovib.results.sampling import add_asked, lost_energy, sampling_errors, told_sampling
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -138,6 +138,8 @@ class Branch(PeriodicMotions, Curve):
     _allowed: FloatArray = field(repr=False)
     #: What takes energy from the motions.
     _parts: Parts | None = field(default=None, repr=False)
+    #: Further columns that a scene asks for.
+    _asked: tuple[str, ...] = field(default=(), repr=False)
 
     @property
     def _circular(self) -> bool:
@@ -212,6 +214,11 @@ class Branch(PeriodicMotions, Curve):
             self.nu, self.harmonics, self._whole(), self.load_factor, linear=False
         )
 
+    def _lost(self) -> FloatArray:
+        """Energy that all forces take from each motion in a period (J), shape (n,)."""
+        factors = self.load_factor
+        return lost_energy(self, self._job[:-3], factors, self._relative(factors))
+
     def _check_loses(self) -> None:
         if self.varies not in ("nu", "load_factor"):
             raise InputError(
@@ -263,5 +270,6 @@ class Branch(PeriodicMotions, Curve):
         )
         table.columns |= {"highest": self.highest, "truncation": self.truncation}
         table.columns["error"] = self.error
+        add_asked(table, self)
         table.add_harmonics(names, map(str, self.harmonics), self.coefficients)
         return table

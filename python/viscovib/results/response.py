@@ -21,7 +21,7 @@ from viscovib.common.tables import Table
 from viscovib.errors import InputError
 from viscovib.results.dissipation import Parts
 from viscovib.results.extrapolation import check_orders, extrapolated
-from viscovib.results.sampling import sampling_errors, told_sampling
+from viscovib.results.sampling import add_asked, lost_energy, sampling_errors, told_sampling
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -141,6 +141,8 @@ class Response(PeriodicMotions, Result):
     power: FloatArray | None = None
     #: What takes energy from the motions.
     _parts: Parts | None = field(default=None, repr=False)
+    #: Further columns that a scene asks for.
+    _asked: tuple[str, ...] = field(default=(), repr=False)
 
     kind = "response"
     _form = "response"
@@ -286,6 +288,12 @@ class Response(PeriodicMotions, Result):
         return self._parts.dissipated(
             self.nu, self.harmonics, self._whole(), np.ones(self.nu.size), linear=linear
         )
+
+    def _lost(self) -> FloatArray:
+        """Energy that all forces take from each motion in a period (J), shape (n,)."""
+        ones = np.ones(self.nu.size)
+        linear = self.method == "linear"
+        return lost_energy(self, self._job, ones, self._relative(ones), linear=linear)
 
     def _whole(self) -> ComplexArray:
         """X_k of all coordinates."""
@@ -453,6 +461,7 @@ class Response(PeriodicMotions, Result):
                 "truncation": self.truncation,
             },
         )
+        add_asked(table, self)
         if self.stable is not None:
             table.notes.append("stable: 1: stable, 0: not, -1: unknown")
             table.columns["stable"] = codes_of(self.stable)

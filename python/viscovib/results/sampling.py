@@ -8,6 +8,7 @@ import numpy as np
 
 from viscovib import _native
 from viscovib._native import ComplexArray, FloatArray, core
+from viscovib.common.tables import Table
 
 #: Multiplications up to which a summary has them.
 _QUICK = 3e8
@@ -29,6 +30,35 @@ def sampling_errors(
         cancel,
     )  # fmt: skip
     return np.where(errors < 0, np.nan, errors)
+
+
+def lost_energy(
+    result: Any, job: tuple[Any, ...], factors: FloatArray, y: ComplexArray, *, linear: bool = False
+) -> FloatArray:
+    """Energy that all forces take from each motion in a period (J), shape (n,).
+
+    ``job``: system and load as the core takes them; ``y``: motions relative to the base.
+    """
+    (lost,) = _native.call(
+        core.motion_losses, *job, result.harmonics, result.nu, factors, result.highest,
+        int(linear), np.asfortranarray(y.T),
+    )  # fmt: skip
+    found: FloatArray = lost
+    return found
+
+
+#: What columns of tables that scenes ask for are.
+NOTES = {
+    "sampling": "sampling: estimated relative error by the samples of forces",
+    "dissipation": "dissipation: energy lost in a period (J)",
+}
+
+
+def add_asked(table: Table, result: Any) -> None:
+    """Add the columns that a scene asks for."""
+    table.notes += [NOTES[name] for name in result._asked]
+    values = {"sampling": lambda: result.sampling, "dissipation": result._lost}
+    table.columns |= {name: values[name]() for name in result._asked}
 
 
 def told_sampling(result: Any) -> str:

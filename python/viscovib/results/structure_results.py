@@ -60,6 +60,10 @@ class _OfStructure:
     def _solved(self) -> ComplexArray:
         return self._condensed
 
+    def _lost(self) -> FloatArray:
+        """Energy that parts take from each motion in a period (J), shape (n,)."""
+        return self.dissipation().sum(axis=1)  # type: ignore[attr-defined,no-any-return]
+
     @property
     def _factors(self) -> FloatArray:
         """Factor of the load of each motion."""

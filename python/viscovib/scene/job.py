@@ -26,6 +26,7 @@ from viscovib.common.results import Result
 from viscovib.errors import ConvergenceWarning, InputError, caller
 from viscovib.results.branch import Branch
 from viscovib.results.response import Response
+from viscovib.results.sampling import NOTES
 from viscovib.results.scales import ScalesResponse
 from viscovib.results.trajectory import Trajectory, given_plan
 from viscovib.scene.scene import Scene, read_text, texts
@@ -181,11 +182,17 @@ def run_one(scene: Scene, *, progress: bool = False) -> SceneResult:
         first, others = scene._driven()
         return SceneResult(scene, first, switched=others)
     if "branch" in scene.groups:
-        return SceneResult(scene, replace(trace_response(**scene._branch()), plan=planned))
+        branch = trace_response(**scene._branch())
+        return SceneResult(scene, replace(branch, plan=planned, _asked=_asked(scene, "branch")))
     if "response" not in scene.groups:
         return _by_core(scene, planned)
     response = forced_response(**scene._job(), progress=progress)
-    return SceneResult(scene, replace(response, plan=planned))
+    return SceneResult(scene, replace(response, plan=planned, _asked=_asked(scene, "response")))
+
+
+def _asked(scene: Scene, name: str) -> tuple[str, ...]:
+    """Columns that a result has where they are asked for."""
+    return tuple(key for key in NOTES if scene.groups[name].get(key) == "yes")
 
 
 def _by_core(scene: Scene, planned: Plan) -> SceneResult:

@@ -1,0 +1,164 @@
+!> What tables tell of periodic motions besides their harmonics: what samples leave of error, and
+!! the energy that a motion loses in a period.
+!!
+!! With the harmonics F_k of all forces and X_k of the motion relative to the base, the energy is
+!! E = pi sum_k k Im(F_k conj(X_k)): of dampers, laws of rates, sliders and memory; springs and
+!! masses give back what they take. Of a structure, whose coordinates stand for more, it is what
+!! the loads feed, with their harmonics P_k in the place of F_k.
+module viscovib_motion_checks
+  use, intrinsic :: ieee_arithmetic, only: ieee_is_finite, ieee_quiet_nan, ieee_value
+  use viscovib_constants, only: pi
+  use viscovib_harmonic_balance, only: balance_type, new_balance
+  use viscovib_harmonic_set, only: harmonic_set_type, new_harmonic_set
+  use viscovib_kinds, only: wp
+  use viscovib_load, only: load_type
+  use viscovib_oscillator, only: oscillator_type
+  use viscovib_sampling_error, only: sampling_judge
+  implicit none
+  private
+
+  public :: sampling_of, losses_of, work_of, relative_motions
+
+contains
+
+  !> Take the motion of the base away.
+  subroutine relative_motions(system, load, orders, factor, motions)
+    class(oscillator_type), intent(in) :: system
+    type(load_type), intent(in) :: load
+    integer, intent(in) :: orders(:)
+    !> Of the load, of each motion.
+    real(wp), intent(in) :: factor(:)
+    !> Shape (n_orders, n_dof, n).
+    complex(wp), intent(inout) :: motions(:, :, :)
+    complex(wp) :: y(size(motions, 2))
+    integer :: d, j, k
+
+    if (.not. load%moves_base()) return
+    do j = 1, size(load%orders)
+      k = findloc(orders, load%orders(j), 1)
+      if (k == 0) cycle
+      y = load%shift(system, j)
+      do d = 1, size(y)
+        motions(k, d, :) = motions(k, d, :) - factor*y(d)
+      end do
+    end do
+  end subroutine relative_motions
+
+  !> Relative errors by the samples of forces; NaN where they are not known.
+  subroutine sampling_of(system, load, orders, nu, factor, highest, motions, errors)
+    class(oscillator_type), intent(in) :: system
+    type(load_type), intent(in) :: load
+    integer, intent(in) :: orders(:)
+    !> Frequency (rad/s), factor of the load, and highest order kept, of each motion.
+    real(wp), intent(in) :: nu(:), factor(:)
+    integer, intent(in) :: highest(:)
+    !> Relative to the base, shape (n_orders, n_dof, n).
+    complex(wp), intent(in) :: motions(:, :, :)
+    real(wp), intent(out) :: errors(:)
+    type(sampling_judge) :: judge
+    real(wp), allocatable :: x(:, :)
+    integer :: i
+
+    errors = ieee_value(errors, ieee_quiet_nan)
+    do i = 1, size(nu)
+      if (.not. is_known(motions(:, :, i), highest(i))) cycle
+      x = unknowns(motions(:count(orders <= highest(i)), :, i))
+      call judge%error_of(system, load, nu(i), factor(i), orders(1) > 0, x, errors(i))
+      if (errors(i) < 0.0_wp) errors(i) = ieee_value(errors(i), ieee_quiet_nan)
+    end do
+  end subroutine sampling_of
+
+  !> Energy that all forces of a system take in a period (J); NaN where no motion was found.
+  subroutine losses_of(system, load, orders, nu, factor, highest, linear, motions, lost)
+    class(oscillator_type), intent(in) :: system
+    type(load_type), intent(in) :: load
+    integer, intent(in) :: orders(:)
+    real(wp), intent(in) :: nu(:), factor(:)
+    integer, intent(in) :: highest(:)
+    !> Whether the motions are those of the forces linearized at rest.
+    logical, intent(in) :: linear
+    complex(wp), intent(in) :: motions(:, :, :)
+    real(wp), intent(out) :: lost(:)
+    type(balance_type) :: balance
+    type(harmonic_set_type) :: set
+    integer :: i, m, made
+
+    lost = ieee_value(lost, ieee_quiet_nan)
+    made = 0
+    do i = 1, size(nu)
+      m = count(orders <= highest(i))
+      if (linear) m = size(orders)
+      if (.not. is_known(motions(:, :, i), m)) cycle
+      if (linear) then
+        lost(i) = of_linear(system, orders, nu(i), motions(:, :, i))
+        cycle
+      end if
+      if (m /= made) then
+        call new_harmonic_set(set, orders(m), orders(1) > 0, system%degree)
+        call new_balance(balance, system, set)
+        made = m
+      end if
+      call balance%set_frequency(system, load, nu(i))
+      ! The forces alone; `moving` systems, whose forces depend on the load, are not asked for.
+      balance%load_factor = 0.0_wp*factor(i)
+      lost(i) = of_forces(balance, system, orders(:m), motions(:m, :, i))
+    end do
+  end subroutine losses_of
+
+  !> Work of forces in a period, pi sum_k k Im(P_k conj(X_k)).
+  pure real(wp) function work_of(orders, force, x) result(work)
+    integer, intent(in) :: orders(:)
+    !> Shape (n_orders, n).
+    complex(wp), intent(in) :: force(:, :), x(:, :)
+    integer :: d
+
+    work = 0.0_wp
+    do d = 1, size(x, 2)
+      work = work + pi*sum(orders*aimag(force(:, d)*conjg(x(:, d))))
+    end do
+  end function work_of
+
+  real(wp) function of_forces(balance, system, orders, x) result(lost)
+    type(balance_type), intent(inout) :: balance
+    class(oscillator_type), intent(in) :: system
+    integer, intent(in) :: orders(:)
+    complex(wp), intent(in) :: x(:, :)
+    real(wp) :: r(2*size(x, 1), size(x, 2))
+
+    call balance%residual(system, unknowns(x), r)
+    lost = work_of(orders, cmplx(r(1::2, :), r(2::2, :), wp), x)
+  end function of_forces
+
+  real(wp) function of_linear(system, orders, nu, x) result(lost)
+    class(oscillator_type), intent(in) :: system
+    integer, intent(in) :: orders(:)
+    real(wp), intent(in) :: nu
+    complex(wp), intent(in) :: x(:, :)
+    complex(wp) :: fraction(size(orders), system%n_memory()), force(size(x, 1), size(x, 2))
+    complex(wp) :: stiffness(size(x, 2), size(x, 2), size(orders))
+    integer :: k
+
+    call system%retained(orders*nu, fraction)
+    call system%dynamic_stiffness(orders*nu, fraction, stiffness)
+    do k = 1, size(orders)
+      force(k, :) = matmul(stiffness(:, :, k), x(k, :))
+    end do
+    lost = work_of(orders, force, x)
+  end function of_linear
+
+  !> Real and imaginary parts by turns.
+  pure function unknowns(motion) result(x)
+    complex(wp), intent(in) :: motion(:, :)
+    real(wp) :: x(2*size(motion, 1), size(motion, 2))
+    x(1::2, :) = real(motion)
+    x(2::2, :) = aimag(motion)
+  end function unknowns
+
+  pure logical function is_known(motion, highest)
+    complex(wp), intent(in) :: motion(:, :)
+    integer, intent(in) :: highest
+    is_known = highest > 0 .and. all(ieee_is_finite(real(motion))) &
+               .and. all(ieee_is_finite(aimag(motion)))
+  end function is_known
+
+end module viscovib_motion_checks

@@ -1,0 +1,39 @@
+!> Keys of &response and &branch for what their tables tell besides.
+module viscovib_extra_groups
+  use viscovib_extra_columns, only: extra_columns
+  use viscovib_group_reader, only: group_reader
+  use viscovib_status, only: set_ok, status_type
+  use viscovib_subject, only: subject_type
+  implicit none
+  private
+
+  public :: read_extra
+
+contains
+
+  subroutine read_extra(reader, subject, extra)
+    type(group_reader), intent(inout) :: reader
+    type(subject_type), intent(in) :: subject
+    type(extra_columns), intent(out) :: extra
+    type(status_type) :: status
+
+    extra%sampling = is_asked('sampling')
+    extra%dissipation = is_asked('dissipation')
+    call set_ok(status)
+    call extra%check(subject, status)
+    call reader%place(status)
+
+  contains
+
+    logical function is_asked(key)
+      character(len=*), intent(in) :: key
+      character(len=:), allocatable :: word
+      integer :: choice
+      choice = 1
+      word = reader%read_text(key, 'no', [character(len=3) :: 'no', 'yes'], choice)
+      is_asked = choice == 2
+    end function is_asked
+
+  end subroutine read_extra
+
+end module viscovib_extra_groups
