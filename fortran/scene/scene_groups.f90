@@ -25,14 +25,14 @@ module viscovib_scene_groups
                                                 result_name('ensemble', .true., .false.)]
 
   !> Other groups: those of a mount or a system of one's own, and those of any scene.
-  character(len=*), parameter :: oscillator_groups(10) = &
-    [character(len=15) :: 'mount', 'system', 'spring', 'force', 'structure', 'element', 'body', &
-     'mount_point', 'kernel', 'load'], &
+  character(len=*), parameter :: oscillator_groups(11) = &
+    [character(len=15) :: 'mount', 'system', 'spring', 'force', 'structure', 'element', 'layer', &
+     'body', 'mount_point', 'kernel', 'load'], &
                                  other_groups(6) = &
     [character(len=15) :: 'scene', 'pendulum', 'spectrum', 'event', 'parameters', 'sweep'], &
-                                 repeatable(8) = &
-    [character(len=15) :: 'kernel', 'load', 'spring', 'force', 'element', 'mount_point', 'event', &
-     'sweep'], &
+                                 repeatable(9) = &
+    [character(len=15) :: 'kernel', 'load', 'spring', 'force', 'element', 'layer', 'mount_point', &
+     'event', 'sweep'], &
                                  of_structures(5) = &
     [character(len=15) :: 'response', 'branch', 'backbone', 'modes', 'transient']
 
@@ -76,7 +76,12 @@ contains
     name = file%groups(i)%name
     if (.not. (any(oscillator_groups == name) .or. any(other_groups == name) &
                .or. any(results%name == name))) then
-      call refuse_at(file, i, 'unknown group &'//clipped(name)//likely_group(name), status)
+      if (name == 'basins') then
+        call refuse_at(file, i, '&basins: basins of attraction are computed by Python (basins)', &
+                       status)
+      else
+        call refuse_at(file, i, 'unknown group &'//clipped(name)//likely_group(name), status)
+      end if
       return
     end if
     if (.not. any(repeatable == name) .and. place_of(file, name) < i) then
@@ -99,8 +104,8 @@ contains
              .and. .not. any(of_structures == name)) then
       call refuse_at(file, i, '&'//name//': of a &structure it is computed by Python ' &
                      //'(Scene.structure), here are '//listed(of_structures), status)
-    else if (name == 'element' .and. .not. is_structure) then
-      call refuse_at(file, i, '&element: needs &structure', status)
+    else if (any(['element', 'layer  '] == name) .and. .not. is_structure) then
+      call refuse_at(file, i, '&'//name//': needs &structure', status)
     else if (name == 'mount_point' .and. .not. has(file, 'body')) then
       call refuse_at(file, i, '&mount_point: needs &body', status)
     else if (any(['spring', 'force '] == name) .and. .not. is_polynomial) then

@@ -6,6 +6,7 @@ module viscovib_structure_groups
   use viscovib_kernel_groups, only: read_system_kernels
   use viscovib_kernel_holder, only: kernel_holder
   use viscovib_kinds, only: wp
+  use viscovib_layer_groups, only: finish_layer
   use viscovib_law_faults, only: complain_of_law
   use viscovib_law_term, only: about_rest
   use viscovib_law_text, only: compile_law
@@ -40,6 +41,8 @@ contains
     type(status_type), intent(out) :: status
     type(kernel_holder), allocatable :: kernels(:)
     type(group_reader) :: reader
+    type(element_type), allocatable :: springs(:)
+    real(wp), allocatable :: matrix(:, :)
     type(status_type) :: built
     integer :: at, i, n
 
@@ -67,12 +70,39 @@ contains
       call reader%close(echo, status)
       if (status%failed()) return
     end do
+    do i = 1, size(file%groups)
+      if (file%groups(i)%name /= 'layer') cycle
+      call reader%start(file%path, file%groups(i))
+      n = size(model%mass, 1)
+      call read_matrix(reader, 'stiffness', .true., n, matrix)
+      call finish_layer(reader, matrix, model%is_reduced, size(kernels), springs)
+      call reader%close(echo, status)
+      if (status%failed()) return
+      call append(model%elements, springs)
+    end do
     call reader%start(file%path, file%groups(at))
     call condense(model, kernels, system, built)
     call reader%place(built)
     status = reader%status
 
   end subroutine read_structure
+
+  !> Elements and more of them, each copied on its own.
+  subroutine append(elements, more)
+    type(element_type), allocatable, intent(inout) :: elements(:)
+    type(element_type), intent(in) :: more(:)
+    type(element_type), allocatable :: longer(:)
+    integer :: i
+
+    allocate (longer(size(elements) + size(more)))
+    do i = 1, size(elements)
+      longer(i) = elements(i)
+    end do
+    do i = 1, size(more)
+      longer(size(elements) + i) = more(i)
+    end do
+    call move_alloc(longer, elements)
+  end subroutine append
 
   !> The &structure group.
   subroutine read_body(reader, model, coordinates, units)

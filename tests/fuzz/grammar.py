@@ -113,6 +113,13 @@ SEEDS = {
 &load on='x1' amplitude=0.2 /
 &branch nu_from=0.6 nu_to=0.9 harmonics=3 max_points=40 /
 """,
+    "layers": """&structure size=3 mass=1 1 1 stiffness=2 -1 0 -1 2 -1 0 -1 2 rayleigh=0.02 0 /
+&kernel kind='prony' weights=0.3 rates=1.5 /
+&layer stiffness=1 0.5 0 0.5 1 0 0 0 0.2 kernel=1 /
+&element on='x2' law='0.5*d^3' kernel=0 /
+&load on='x1' amplitude=0.2 /
+&response nu=0.6 0.9 method='newton' harmonics=3 /
+""",
     "structure_modes": """&structure mass=1 2 stiffness=2 3 base_direction=1 1 units='m' 'm'
   coordinates='x' 'y' modal_damping=0.1 /
 &modes coordinates='x' /

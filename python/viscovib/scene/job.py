@@ -38,7 +38,7 @@ if TYPE_CHECKING:
 #: Groups of a scene that ask for nothing.
 _SUBJECTS = (
     "scene", "parameters", "mount", "system", "pendulum", "kernel", "spring", "force", "structure",
-    "element", "body", "mount_point", "load", "sweep",
+    "element", "layer", "body", "mount_point", "load", "sweep",
 )  # fmt: skip
 
 

@@ -56,7 +56,9 @@ _KERNELS: dict[str, type[Kernel]] = {
     "tabulated": TabulatedKernel,
 }
 #: Groups that a scene may have any number of.
-_REPEATABLE = ("kernel", "load", "spring", "force", "element", "mount_point", "event", "sweep")
+_REPEATABLE = (
+    "kernel", "load", "spring", "force", "element", "layer", "mount_point", "event", "sweep",
+)  # fmt: skip
 _LISTS = ("weights", "rates", "times", "values")
 
 #: Keys of a pendulum's &branch that `trace_response` has under the same names.
@@ -226,11 +228,20 @@ class Scene:
             more = {"names": [f"q{i + 1}" for i in range(n)]}
         elif np.any(given["base_direction"]):
             more["base_direction"] = np.atleast_1d(given["base_direction"])
+        layers, stiffness = [], _matrix(given["stiffness"], n)
+        for group in self.groups["layer"]:
+            kernel = kernels[group["kernel"]]
+            matrix = _matrix(group["stiffness"], n)
+            if kernel is None:
+                stiffness = stiffness + matrix
+            else:
+                layers.append((matrix, kernel))
         rayleigh = (float(given["rayleigh"][0]), float(given["rayleigh"][1]))
         return Structure(
             mass=_matrix(given["mass"], n),
-            stiffness=_matrix(given["stiffness"], n),
+            stiffness=stiffness,
             damping=_matrix(given["damping"], n),
+            layers=layers,
             modal_damping=ratios if ratios.any() else None,
             rayleigh=rayleigh if any(rayleigh) else None,
             loss_factor=given["loss_factor"],
