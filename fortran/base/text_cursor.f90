@@ -42,11 +42,19 @@ contains
   subroutine blame(self, what)
     class(text_cursor), intent(inout) :: self
     character(len=*), intent(in) :: what
+    integer :: last
+
     if (self%fault /= '') return
+    last = self%at
+    ! Whole, where it has several bytes (UTF-8): half of one is no text.
+    do while (last < len(self%text))
+      if (iand(iachar(self%text(last + 1:last + 1)), 192) /= 128) exit
+      last = last + 1
+    end do
     if (self%at >= len(self%text)) then
       self%fault = 'its end is '//what
     else
-      self%fault = "'"//self%text(self%at:self%at)//"' (character "//show(self%at)//') is '//what
+      self%fault = "'"//self%text(self%at:last)//"' (character "//show(self%at)//') is '//what
     end if
   end subroutine blame
 

@@ -21,10 +21,10 @@ REST = "&element on='x3' law='0.7*d^3' kernel=0 /\n&load on='x1' amplitude=0.5 /
 SCENE = BODY.format("") + KERNELS + LAYERS + REST
 
 
-def _table(solve, folder, text):
+def _table(solve, folder, text, status=0):
     (folder / "scene.nml").write_text(text)
     done = solve(folder / "scene.nml", "--out", folder)
-    assert done.returncode == 0, done
+    assert done.returncode == status, done
     with silence():
         vv.run(folder / "scene.nml").to_csv(folder / "mine.csv")
     (path,) = folder.glob("scene_*.csv")
@@ -51,12 +51,15 @@ def test_response(solve, tmp_path, method):
 
 def test_branch_with_stability(solve, tmp_path):
     more = "&branch nu_from=0.8 nu_to=1.2 harmonics=5 /\n"
-    rows, scene = _table(solve, tmp_path, SCENE + more)
-    r = vv.forced_response(
-        scene.structure(), rows["nu"], method="newton", harmonics=5, **scene.loads()
-    )
+    # Status 1: some points have too few harmonics, and stability is unknown there.
+    rows, scene = _table(solve, tmp_path, SCENE + more, status=1)
+    with silence():
+        r = vv.forced_response(
+            scene.structure(), rows["nu"], method="newton", harmonics=5, **scene.loads()
+        )
     _close(rows, r.coefficients, r.harmonics)
-    assert (rows["stable"] == 1).all()
+    assert (rows["stable"] != 0).all()
+    assert (rows["stable"] == 1).any()
 
 
 def test_motion(solve, tmp_path):
