@@ -26,7 +26,7 @@ module viscovib_compliance
   !> Coordinates up to which such polynomials are made.
   integer, parameter :: most_seen = 12
   !> Loss factor of a mode that is light.
-  real(wp), parameter :: light = 1.0e-4_wp
+  real(wp), parameter :: light = 1.0e-2_wp
 
   type :: compliance_type
     !> Coordinates seen.

@@ -17,7 +17,7 @@ module viscovib_resonant_compliance
   public :: near_modes, bordered, bordered_slope, without_modes
 
   !> A mode is next to its resonance where |t_m| is less than this part of |squares_m|.
-  real(wp), parameter :: near = 1.0e-5_wp
+  real(wp), parameter :: near = 1.0e-2_wp
 
 contains
 

@@ -23,8 +23,9 @@ _UNSEEN = 1e-10
 _AT_ONCE = 2_000_000
 #: Coordinates up to which the core is given the matrices behind complex modes.
 _FEW = 24
-#: A mode whose dynamic stiffness is this part of its stiffness or less is next to a resonance.
-_NEAR = 1e-6
+#: A mode whose dynamic stiffness is this part of its stiffness or less is next to a resonance: the
+#: part of the digits that the others may lose beside it.
+_NEAR = 1e-2
 
 
 class Condensation:
