@@ -30,6 +30,8 @@ np.empty(2**24, dtype=np.uint8)
 _IO_ERROR = 3
 #: Entries of a list that are looked at one by one, at a cost like that of reading them.
 _LONG_LIST = 1000
+#: Entries of a list that is looked at without making an array of it first.
+_SHORT_LIST = 64
 #: Entries that a range may have, which takes no memory before it becomes an array.
 _LONG_RANGE = 10**8
 #: Lists within lists that may be an array.
@@ -80,6 +82,12 @@ def choice(name: str, value: object, allowed: tuple[str, ...]) -> str:
 
 def real_array(name: str, value: object, *, ndim: int | None = None) -> FloatArray:
     """Return finite real numbers as a C-contiguous float64 array."""
+    if type(value) in (tuple, list) and ndim in (None, 1):
+        # A few plain numbers, as states are: nothing but their range is to be looked at.
+        numbers: list[Any] | tuple[Any, ...] = value  # type: ignore[assignment]
+        plain = 0 < len(numbers) <= _SHORT_LIST and set(map(type, numbers)) == {float}
+        if plain and math.isfinite(sum(numbers)):
+            return np.array(numbers)
     array = _array(name, value)
     if array.dtype.kind == "c":
         raise InputError(f"{name}: must be real, got complex numbers")
@@ -152,12 +160,12 @@ def _array(name: str, value: object) -> npt.NDArray[Any]:
 def _checked(name: str, array: npt.NDArray[Any], ndim: int | None) -> npt.NDArray[Any]:
     if ndim is not None and array.ndim != ndim:
         raise InputError(f"{name}: must have {ndim} dimension(s), got shape {array.shape}")
-    finite = np.isfinite(array)
-    if not finite.all():
+    if not all_finite(array):
+        finite = np.isfinite(array)
         where = tuple(int(i) for i in np.argwhere(~finite)[0])
         place = f"[{', '.join(map(str, where))}]" if where else ""
         raise InputError(f"{name}{place} = {array[where]}: must be a finite number")
-    return np.asarray(array, order="C")
+    return array if array.flags.c_contiguous else np.asarray(array, order="C")
 
 
 def flag(name: str, value: object) -> bool:

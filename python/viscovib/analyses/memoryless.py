@@ -11,7 +11,7 @@ import numpy.typing as npt
 from viscovib import _native
 from viscovib._native import FloatArray, core
 from viscovib.analyses.hereditary import moving, table_of
-from viscovib.analyses.runs import MAX_STEPS, Piece, Run
+from viscovib.analyses.runs import MAX_STEPS, Piece, Run, nothing
 from viscovib.common.parameters import MAX_HARMONICS
 from viscovib.common.past import Past
 from viscovib.errors import InputError
@@ -90,8 +90,9 @@ def goes_as_pendulum(
     return (
         len(system.dof_names) <= MAX_DOF
         and isinstance(method, str)
-        and method in ("auto", *METHODS)
-        and all(given is None for given in (base, held))
+        and (method == "auto" or method in METHODS)
+        and base is None
+        and held is None
         and isinstance(highest, int)
         and highest <= MAX_HARMONICS
     )
@@ -117,16 +118,26 @@ def polynomial_runs(
         raise InputError("nu: must not be given without load")
     orders, series = load_series(load, None, n, {a: i for i, a in enumerate(system.dof_names)})
     frequency = 0.0 if nu is None else _native.number("nu", nu)
-    if frequency < 0 or (frequency == 0 and (orders > 0).any() and series.any()):
+    # Of so few numbers Python's own are looked at faster than arrays.
+    given_orders: list[int] = orders.tolist()
+    forces: list[list[complex]] = series[:-1].tolist()
+    starts: list[float] = state.tolist()
+    acting = [k for k, column in zip(given_orders, zip(*forces, strict=True), strict=True)
+              if any(column)]  # fmt: skip
+    if frequency < 0 or (frequency == 0 and acting and max(given_orders) > 0):
         given = "None" if nu is None else f"{frequency:g}"
         raise InputError(f"nu = {given}: must be greater than 0 with a load of order 1 or more")
     name = "gauss8" if method == "auto" else method
     # Steps must see the highest order of the load.
-    highest = frequency * int(orders[series.any(axis=0)].max(initial=0))
+    highest = frequency * max(acting, default=0)
     many = end * max(system._fastest(), highest) / (0.5 * math.pi)
     steps = max(1, math.ceil(min(many, 2.0 * MAX_STEPS)))
-    driven = (series[:-1] != 0).any(axis=1) | (state.reshape(n, 2) != 0).any(axis=1)
-    moves = moving(system, driven | pieces.any(axis=(1, 2)))
+    pushed = [False] * n if force is None else [bool(one.any()) for one in pieces]
+    driven = [
+        pushed[i] or any(forces[i]) or starts[2 * i] != 0 or starts[2 * i + 1] != 0
+        for i in range(n)
+    ]
+    moves = np.ones(n, dtype=np.int32) if all(driven) else moving(system, np.array(driven))
     job = (system._flat, orders, series, frequency, breaks, pieces, moves, force)
     return partial(PolynomialRun.of_job, system, name, state, solved, job), steps
 
@@ -209,7 +220,7 @@ class PolynomialRun(Run):
                 count,
                 every,
                 resume,
-                self.memory if resume else np.zeros(room),
+                self.memory if resume else nothing(room),
                 times,
                 columns,
                 *self._watched(),
@@ -262,7 +273,7 @@ class _PendulumRun(Run):
                 count,
                 every,
                 int(resume),
-                self.memory if resume else np.zeros(_MEMORY),
+                self.memory if resume else nothing(_MEMORY),
                 times,
                 columns,
                 *self._watched(),

@@ -12,7 +12,7 @@ from viscovib._native import FloatArray
 from viscovib.analyses.events import Watch
 from viscovib.analyses.hereditary import NODES, MountMotion, hereditary_run_of, moving
 from viscovib.analyses.memoryless import goes_as_pendulum, pendulum_runs, polynomial_runs
-from viscovib.analyses.runs import Run, Wanted, again, with_estimate
+from viscovib.analyses.runs import Run, Wanted, again, nothing, with_estimate
 from viscovib.analyses.structure_motion import StructureMotion, structure_motion_of
 from viscovib.analyses.whole_structure import WholeRun, whole_runs
 from viscovib.common.counts import things
@@ -43,12 +43,13 @@ def known(
 ) -> Maker:
     """Let a run know what made it, where its loads have corners, and what tables its plan names."""
     words = []
-    for name, table in (("force", force), ("motion of the base", base)):
+    tables = () if force is base is None else (("force", force), ("motion of the base", base))
+    for name, table in tables:
         if isinstance(table, LoadTable):
             times = np.asarray(table.times)
             span = f"{things(times.size, 'time')}, {times[0]:g} to {times[-1]:g}"
             words.append(f"computes: {name} by a table of {span}")
-    return _Known(make, np.empty(0) if breaks is None else breaks, tuple(words), watch)
+    return _Known(make, nothing(0) if breaks is None else breaks, tuple(words), watch)
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,7 +71,7 @@ class _Known:
 
 def breaks_of(force: LoadTable | None, base: LoadLike | LoadTable | None, n_dof: int) -> FloatArray:
     """Return the times at which tables have corners, jumps and ends, ascending; none: no tables."""
-    breaks = np.empty(0)
+    breaks: FloatArray = nothing(0)
     # What is no table is refused where loads are read.
     if isinstance(force, LoadTable):
         breaks = force._breaks(n_dof)

@@ -6,8 +6,8 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import partial
-from typing import ClassVar, NamedTuple
+from functools import cache, partial
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -81,6 +81,8 @@ class Wanted:
 
     def finer(self, factor: int) -> Wanted:
         """The same states of a run with so many times the steps."""
+        if factor == 1:
+            return self
         return replace(self, every=self.every * factor)
 
     def at(self, times: FloatArray) -> Wanted:
@@ -159,6 +161,14 @@ class Piece(NamedTuple):
     n_found: int
 
 
+@cache
+def nothing(n: int, kind: type[Any] = float) -> npt.NDArray[Any]:
+    """So many zeros that nobody writes into, which native calls only read."""
+    zeros = np.zeros(n, dtype=kind)
+    zeros.setflags(write=False)
+    return zeros
+
+
 class Run(ABC):
     """A run that can go on: the native state and how far it has come."""
 
@@ -189,7 +199,7 @@ class Run(ABC):
         self.tables: tuple[str, ...] = ()
         #: What made the run, and where its loads have corners.
         self.maker: Callable[[float], Run] | None = None
-        self.breaks: FloatArray = np.empty(0)
+        self.breaks: FloatArray = nothing(0)
         #: Whether other loads act from now on than before; what made the earlier parts, and
         #: how many steps were done at the end of each.
         self.anew = False
@@ -224,7 +234,7 @@ class Run(ABC):
     def _mesh_arrays(self) -> tuple[FloatArray, npt.NDArray[np.int64]]:
         """Return ends of pieces and the steps made by each, one at 0 for equal steps."""
         if self.mesh is None:
-            return np.zeros(1), np.zeros(1, dtype=np.int64)
+            return nothing(1), nothing(1, np.int64)
         return self.mesh.ends, self.mesh.made_by
 
     def _watched(self) -> tuple[FloatArray, npt.NDArray[np.intc], int]:
@@ -341,7 +351,7 @@ class Run(ABC):
             count = min(piece, left)
             stored = want.keep != "last" and want.times is None
             columns = count // want.every if stored else 0
-            times = np.empty(0)
+            times = nothing(0)
             if want.times is not None:
                 now, until = self.time, self._time_after(self.done + count)
                 if left == count:

@@ -189,7 +189,7 @@ def simulate(
     >>> run = vv.simulate(mount, 20, load=0.1, nu=1.5)
     >>> longer = vv.simulate(mount, 40, resume=run)  # goes on where it ended
     """
-    if not isinstance(system, Pendulum | Mount | PolynomialSystem | Structure):
+    if not isinstance(system, (Pendulum, Mount, PolynomialSystem, Structure)):
         raise InputError(
             f"system = {_native.shown(system)}: must be a Pendulum, a Mount, a PolynomialSystem or "
             "a Structure"

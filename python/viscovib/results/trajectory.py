@@ -238,7 +238,7 @@ class Trajectory(Result):
 
     def _pole_passed(self) -> str | None:
         """The same of the first pole that the states kept are on both sides of."""
-        if not may_have_poles(self.system) or self.t.size < 2:
+        if self.t.size < 2 or not may_have_poles(self.system):
             return None
         found = pole_between(self.system, self._read_by_laws(slice(None)), self.t)
         return None if found is None else told_pole(*found)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from typing import Any
 
@@ -67,6 +68,11 @@ def load_series(
 
     ``places``: of the coordinates, by name.
     """
+    if type(load) is float and base is None and math.isfinite(load):
+        # The usual load: order 1 on the first coordinate.
+        series = np.zeros((n_dof + 1, 1), dtype=complex, order="F")
+        series[0, 0] = load
+        return np.array([1], dtype=np.int32), series
     forces = _by_order("load", load, n_dof, places)
     motions = _by_order("base", base, 1)
     orders = sorted(set(forces) | set(motions))
