@@ -27,6 +27,10 @@ contains
     real(wp), dimension(n_lanes) :: q_1, q_2, q_3, v_1, v_2, v_3
     integer :: b, d, j
 
+    if (n_dof == 1) then
+      call one_state(n_blocks, times, sums, f, q_0(1), v_0(1), q(1, 1), v(1, 1))
+      return
+    end if
     do d = 1, n_dof, 3
       q_1 = q_0(d) + times*v_0(d)
       q_2 = q_0(d + 1) + times*v_0(d + 1)
@@ -53,6 +57,35 @@ contains
       v(:, d + 2) = v_3
     end do
   end subroutine node_states
+
+  !> The same of one coordinate, in sums of pairs, which need not wait for each other.
+  pure subroutine one_state(n_blocks, times, sums, f, q_0, v_0, q, v)
+    integer, intent(in) :: n_blocks
+    real(wp), intent(in) :: times(n_lanes), sums(n_lanes, 2, n_lanes*n_blocks)
+    real(wp), intent(in) :: f(n_lanes, max_dof, n_blocks), q_0, v_0
+    real(wp), intent(out) :: q(n_lanes), v(n_lanes)
+    integer :: b, k, l
+
+    !GCC$ unroll 1
+    do l = 1, n_lanes
+      q(l) = q_0 + times(l)*v_0
+      v(l) = v_0
+    end do
+    do b = 1, n_blocks
+      k = n_lanes*(b - 1)
+      !GCC$ unroll 1
+      do l = 1, n_lanes
+        q(l) = q(l) + (((sums(l, 1, k + 1)*f(1, 1, b) + sums(l, 1, k + 2)*f(2, 1, b)) &
+                        + (sums(l, 1, k + 3)*f(3, 1, b) + sums(l, 1, k + 4)*f(4, 1, b))) &
+                       + ((sums(l, 1, k + 5)*f(5, 1, b) + sums(l, 1, k + 6)*f(6, 1, b)) &
+                          + (sums(l, 1, k + 7)*f(7, 1, b) + sums(l, 1, k + 8)*f(8, 1, b))))
+        v(l) = v(l) + (((sums(l, 2, k + 1)*f(1, 1, b) + sums(l, 2, k + 2)*f(2, 1, b)) &
+                        + (sums(l, 2, k + 3)*f(3, 1, b) + sums(l, 2, k + 4)*f(4, 1, b))) &
+                       + ((sums(l, 2, k + 5)*f(5, 1, b) + sums(l, 2, k + 6)*f(6, 1, b)) &
+                          + (sums(l, 2, k + 7)*f(7, 1, b) + sums(l, 2, k + 8)*f(8, 1, b))))
+      end do
+    end do
+  end subroutine one_state
 
   !> sum_j table_j f_j over the nodes of all blocks.
   pure subroutine predict(n_blocks, n_dof, table, f, total)

@@ -59,11 +59,13 @@ contains
     !> Whether all could be done here.
     logical, intent(out) :: done
     real(wp) :: slope(n_lanes)
-    integer :: i, k, l, top
+    integer :: i, k, l, next, top
 
     done = .true.
     top = 0
-    do i = 1, n
+    i = 0
+    do while (i < n)
+      i = i + 1
       select case (code(i))
       case (put_argument)
         top = top + 1
@@ -71,9 +73,17 @@ contains
         dx(:, :m, top) = 0.0_wp
         dx(:, int(number(i)), top) = 1.0_wp
       case (put_number)
-        top = top + 1
-        x(:, top) = number(i)
-        dx(:, :m, top) = 0.0_wp
+        next = put_number
+        if (i < n .and. top > 0) next = code(i + 1)
+        select case (next)
+        case (add, subtract, multiply)
+          call with_number(next, number(i), m, x(1, top), dx(1, 1, top))
+          i = i + 1
+        case default
+          top = top + 1
+          x(:, top) = number(i)
+          dx(:, :m, top) = 0.0_wp
+        end select
       case (multiply)
         top = top - 1
         do k = 1, m
@@ -103,6 +113,34 @@ contains
       end select
     end do
   end subroutine run
+
+  !> Sum, difference or product of a value and a number.
+  pure subroutine with_number(code, c, m, x, dx)
+    integer, intent(in) :: code, m
+    real(wp), intent(in) :: c
+    real(wp), intent(inout) :: x(n_lanes), dx(n_lanes, most_arguments)
+    real(wp) :: term
+    integer :: k, l
+
+    if (code /= multiply) then
+      term = merge(c, -c, code == add)
+      !GCC$ unroll 1
+      do l = 1, n_lanes
+        x(l) = x(l) + term
+      end do
+      return
+    end if
+    !GCC$ unroll 1
+    do l = 1, n_lanes
+      x(l) = min(max(c*x(l), -wall), wall)
+    end do
+    do k = 1, m
+      !GCC$ unroll 1
+      do l = 1, n_lanes
+        dx(l, k) = min(max(c*dx(l, k), -wall), wall)
+      end do
+    end do
+  end subroutine with_number
 
   !> Sum or difference of two values, and of their derivatives.
   pure subroutine add_up(plus, m, x, dx)

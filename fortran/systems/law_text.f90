@@ -144,14 +144,16 @@ contains
     type(cursor_type), intent(inout) :: cursor
     character(len=*), intent(in) :: arguments(:), names(:)
     real(wp), intent(in) :: values(:)
-    integer :: code
+    integer :: code, left
     logical :: known
 
     call read_factor(cursor, arguments, names, values)
     do while (cursor%fault == '' .and. scan(cursor%peek(), '*/') > 0)
       code = merge(multiply, divide, cursor%peek() == '*')
       cursor%at = cursor%at + 1
+      left = cursor%n
       call read_factor(cursor, arguments, names, values)
+      if (code == multiply .and. cursor%fault == '') call put_number_last(cursor, left)
       if (code == divide .and. cursor%fault == '') then
         known = cursor%code(cursor%n) == put_number
         if (known .and. .not. abs(cursor%number(cursor%n)) > 0.0_wp) cursor%fault &
@@ -160,6 +162,22 @@ contains
       call emit(cursor, code, 0.0_wp)
     end do
   end subroutine read_term
+
+  !> A number times a value is that value times the number, bit for bit, which takes no place on the
+  !! stack.
+  subroutine put_number_last(cursor, left)
+    type(cursor_type), intent(inout) :: cursor
+    !> The last instruction of the first factor, which is all of it if it is a number.
+    integer, intent(in) :: left
+
+    if (cursor%code(left) /= put_number .or. cursor%code(cursor%n) == put_number) return
+    associate (n => cursor%n, h => cursor%held)
+      cursor%code(left:n) = [cursor%code(left + 1:n), put_number]
+      cursor%number(left:n) = [cursor%number(left + 1:n), cursor%number(left)]
+      cursor%parity(h - 1:h) = cursor%parity(h:h - 1:-1)
+      cursor%degree(h - 1:h) = cursor%degree(h:h - 1:-1)
+    end associate
+  end subroutine put_number_last
 
   recursive subroutine read_factor(cursor, arguments, names, values)
     type(cursor_type), intent(inout) :: cursor

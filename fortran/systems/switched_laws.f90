@@ -340,15 +340,21 @@ contains
           call add_multiple(a(:, d), -self%weights(d, i), value)
           do b = 1, self%n_dof
             do k = 1, size(law%arguments, 1)
-              call add_multiple(by_q(:, d, b), -self%weights(d, i)*law%arguments(k, b), &
-                                slopes(:, k))
-              call add_multiple(by_v(:, d, b), -self%weights(d, i)*law%rates(k, b), slopes(:, k))
+              call add_some(by_q(:, d, b), -self%weights(d, i)*law%arguments(k, b), slopes(:, k))
+              call add_some(by_v(:, d, b), -self%weights(d, i)*law%rates(k, b), slopes(:, k))
             end do
           end do
         end do
       end associate
     end do
   end subroutine add_sloped
+
+  !> total + c x; most arguments are one coordinate or one rate, and most c are 0.
+  pure subroutine add_some(total, c, x)
+    real(wp), intent(inout) :: total(n_lanes)
+    real(wp), intent(in) :: c, x(n_lanes)
+    if (abs(c) > 0.0_wp) call add_multiple(total, c, x)
+  end subroutine add_some
 
   !> Deflections of an element.
   pure function deflection(self, i, q) result(d)

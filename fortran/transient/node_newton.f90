@@ -46,19 +46,25 @@ contains
     integer(i8), intent(inout) :: n_evaluations
     logical, intent(out) :: converged
     real(wp) :: by_q(n_lanes, most_sloped**2, 2), by_v(n_lanes, most_sloped**2, 2)
-    real(wp) :: change, before, left
+    real(wp) :: columns(n_lanes, n_lanes), change, before, left, expected
     integer :: b, k
-    logical :: summed
+    logical :: one, summed, fresh
 
     converged = .false.
     before = 0.0_wp
+    fresh = .true.
+    one = n == 1 .and. blocks == 1
     do k = 1, max_steps
       change = 0.0_wp
       do b = 1, blocks
         call node_states(blocks, n, times(1, b), sums(1, 1, 1, b), f, q_0, v_0, q(1, 1, b), &
                          v(1, 1, b))
-        call system%linearise(q(1, 1, b), v(1, 1, b), drive(1, 1, b), f_new(1, 1, b), &
-                              by_q(1, 1, b), by_v(1, 1, b))
+        if (fresh) then
+          call system%linearise(q(1, 1, b), v(1, 1, b), drive(1, 1, b), f_new(1, 1, b), &
+                                by_q(1, 1, b), by_v(1, 1, b))
+        else
+          call system%acceleration(q(1, 1, b), v(1, 1, b), drive(1, 1, b), f_new(1, 1, b))
+        end if
       end do
       n_evaluations = n_evaluations + blocks
       do b = 1, blocks
@@ -70,13 +76,28 @@ contains
         converged = h_2*change <= lost
         return
       end if
-      left = max(fine*wanted, fine*change*(change/max(total, change, wanted)))
-      call add_series(n, blocks, times, sums, by_q, by_v, left, system%range%push, f, f_new, q, &
-                      v, summed)
+      ! What old derivatives leave is the change since they were taken, times the one now.
+      expected = change
+      if (.not. fresh) expected = before
+      left = max(fine*wanted, fine*change*(expected/max(total, change, wanted)))
+      if (one) then
+        if (fresh) call make_columns(sums, by_q(1, 1, 1), by_v(1, 1, 1), columns)
+        call add_one_series(columns, left, system%range%push, f, f_new, summed)
+      else
+        call add_series(n, blocks, times, sums, by_q, by_v, left, system%range%push, f, f_new, &
+                        q, v, summed)
+      end if
       if (.not. summed) return
       if (change <= wanted) exit
       if (k > 1 .and. left <= wanted .and. change <= before) then
-        if (margin*change*(change/before)**2 <= wanted) exit
+        if (fresh) then
+          if (margin*change*(change/before)**2 <= wanted) exit
+        else
+          if (margin*change*(change/before) <= wanted) exit
+        end if
+        ! If the next change is what the squares tell, derivatives need not be taken again for it.
+        expected = change*(change/before)**2
+        fresh = .not. (fresh .and. margin*expected*(expected/change) <= wanted)
       end if
       before = change
     end do
@@ -107,6 +128,52 @@ contains
     end do
     change = change + lane_sum(sizes)
   end subroutine part
+
+  !> M of one coordinate in one block, a column a node.
+  pure subroutine make_columns(sums, by_q, by_v, columns)
+    real(wp), intent(in) :: sums(n_lanes, 2, n_lanes), by_q(n_lanes), by_v(n_lanes)
+    real(wp), intent(out) :: columns(n_lanes, n_lanes)
+    integer :: j, l
+    do j = 1, n_lanes
+      !GCC$ unroll 1
+      do l = 1, n_lanes
+        columns(l, j) = by_q(l)*sums(l, 1, j) + by_v(l)*sums(l, 2, j)
+      end do
+    end do
+  end subroutine make_columns
+
+  !> The series of one coordinate in one block: `add_series` with M at hand.
+  pure subroutine add_one_series(columns, left, most, f, r, summed)
+    real(wp), intent(in) :: columns(n_lanes, n_lanes), left, most
+    real(wp), intent(inout) :: f(n_lanes), r(n_lanes)
+    logical, intent(out) :: summed
+    real(wp) :: now(n_lanes), sizes(n_lanes), size_of, before, expected
+    integer :: i, l
+
+    summed = .false.
+    before = 0.0_wp
+    do i = 1, max_terms
+      !GCC$ unroll 1
+      do l = 1, n_lanes
+        now(l) = ((columns(l, 1)*r(1) + columns(l, 2)*r(2)) &
+                  + (columns(l, 3)*r(3) + columns(l, 4)*r(4))) &
+                 + ((columns(l, 5)*r(5) + columns(l, 6)*r(6)) &
+                    + (columns(l, 7)*r(7) + columns(l, 8)*r(8)))
+        sizes(l) = abs(now(l))
+        f(l) = f(l) + now(l)
+      end do
+      r = now
+      size_of = ((sizes(1) + sizes(5)) + (sizes(3) + sizes(7))) &
+                + ((sizes(2) + sizes(6)) + (sizes(4) + sizes(8)))
+      if (.not. size_of <= most) return
+      if (i > may_grow .and. size_of > before) return
+      expected = size_of
+      if (i > 1 .and. size_of < before) expected = size_of*(size_of/before)
+      summed = expected <= left
+      if (summed) return
+      before = size_of
+    end do
+  end subroutine add_one_series
 
   !> f + M r + M^2 r + ..., r being what `r` holds at first.
   pure subroutine add_series(n, blocks, times, sums, by_q, by_v, left, most, f, r, q, v, summed)

@@ -78,3 +78,41 @@ def test_states_inside_large_steps():
     fine = vv.simulate(system, 20, dt=0.1, events=["x"], **call)
     np.testing.assert_allclose(run.events[0].t, fine.events[0].t, atol=1e-9)
     assert fine.events[0].t.size > 4
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_numbers_stand_on_either_side(seed):
+    """A number times a law is the law times the number, bit for bit; so are their motions."""
+    rng = np.random.default_rng(seed)
+    a, b, c = rng.uniform(0.1, 0.9, 3).round(3)
+    f, g = rng.choice(
+        ["sin(x)", "tanh(x_dot)", "x^3", "(1 + x*x_dot)", "exp(-x_dot)", "max(x, 0)"], 2
+    )
+    first = f"{a}*{f} - {b}*{c}*{g}*x + 2*(3 - {c})*({a} + {b}*{g})/2"
+    other = f"{f}*{a} - {g}*({b}*{c})*x + ({a} + {g}*{b})*(2*(3 - {c}))/2"
+    states = [
+        vv.simulate(
+            vv.PolynomialSystem(mass=1, stiffness=1, damping=0.1, forces=law),
+            6,
+            initial=[0.4, -0.2],
+            dt=0.5,
+            method="gauss8",
+        ).state
+        for law in (first, other)
+    ]
+    np.testing.assert_array_equal(*states)
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_the_tolerance_of_the_equations_holds(seed):
+    """Derivatives that are taken twice only leave no more than the tolerance allows."""
+    rng = np.random.default_rng(seed)
+    law = rng.choice(list(ONE))
+    system = vv.PolynomialSystem(mass=1, stiffness=1.5, damping=0.2, forces=law)
+    call = {"initial": rng.uniform(-0.6, 0.6, 2), "load": rng.uniform(0.1, 0.5), "nu": 0.9}
+    for dt in (0.3, 0.8, 1.2):
+        run = {"dt": dt, "method": "gauss8", "keep": "last", **call}
+        exact = vv.simulate(system, 24, **run).state[-1]
+        for tolerance in (1e-6, 1e-8, 1e-10, 1e-12):
+            found = vv.simulate(system, 24, tolerance=tolerance, **run).state[-1]
+            assert np.abs(found - exact).max() < 2 * tolerance
