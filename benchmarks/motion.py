@@ -197,13 +197,15 @@ def cvode_runs() -> Iterator[tuple[str, str, Callable[[], np.ndarray]]]:
         )
 
 
-def heyoka_ensemble(states: np.ndarray) -> Iterator[tuple[str, str, Callable[[], np.ndarray]]]:
+def heyoka_ensemble(
+    states: np.ndarray, make: Callable[[], tuple[Any, list[Any]]] = heyoka_system
+) -> Iterator[tuple[str, str, Callable[[], np.ndarray]]]:
     """Heyoka in batches of eight."""
     try:
-        hy, system = heyoka_system()
+        hy, system = make()
     except ImportError:
         return
-    for tolerance in (1e-4, 1e-8, 1e-12):
+    for tolerance in (1e-4, 1e-6, 1e-7, 1e-8, 1e-9, 1e-10, 1e-11, 1e-12, 1e-13, 1e-14):
         batch = hy.taylor_adaptive_batch(system, states[:8].T.copy(), tol=tolerance, fast_math=True)
 
         def run(batch: Any = batch) -> np.ndarray:

@@ -321,6 +321,18 @@ def of_laws(out: Path) -> Part:
         f"{show_time(row['seconds'])} | {show_time(row['seconds'] * row['dt'] / 200)} |"
         for row in many
     ]
+    beside = laws.beside_heyoka()
+    if beside:
+        write_csv(out / "law_ensembles_peer.csv", beside)
+        head = "| ensembles of 128 to t = 200, one core | error at most "
+        lines += ["", head + "| viscovib | heyoka, batch of 8 | heyoka / viscovib |"]
+        lines += ["| --- |" + " --- |" * 4]
+        lines += [
+            f"| {row['law']} | {row['error']:.0e} | {show_time(row['viscovib_seconds'])} "
+            f"({row['viscovib']}) | {show_time(row['heyoka_seconds'])} ({row['heyoka']}) | "
+            f"{row['ratio']:.2f} |"
+            for row in beside
+        ]
     single = laws.one_motion()
     write_csv(out / "law_motion.csv", single)
     lines += ["", "| one motion under tanh and sin to t = 200 | setting | error | time |"]

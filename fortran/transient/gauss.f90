@@ -31,8 +31,8 @@ module viscovib_gauss
   !> Part of the state that a step does not resolve.
   real(wp), parameter :: rounding = 4.0_wp*epsilon(1.0_wp)
   !> Degree of the polynomial that predicts a step: higher ones run away when
-  !! steps are large.
-  integer, parameter :: prediction_degree = 5
+  !! steps are large; Newton's method comes back from farther.
+  integer, parameter :: prediction_degree = 5, newton_degree = 6
 
   !> Where things begin in the room of a method, in columns of lanes.
   type :: room_plan
@@ -82,7 +82,8 @@ contains
     integer, intent(in) :: s
     real(wp), intent(in) :: q(:), v(:), start, h, tolerance
 
-    call new_gauss_table(method%table, s, min(prediction_degree, s - 1))
+    call new_gauss_table(method%table, s, min(merge(newton_degree, prediction_degree, &
+                                                    system%sloped), s - 1))
     call new_phases(method%phases, system%drives, start, h, &
                     method%table%nodes(:, :method%table%n_blocks))
     if (allocated(system%quarters)) then

@@ -46,25 +46,20 @@ contains
     integer(i8), intent(inout) :: n_evaluations
     logical, intent(out) :: converged
     real(wp) :: by_q(n_lanes, most_sloped**2, 2), by_v(n_lanes, most_sloped**2, 2)
-    real(wp) :: columns(n_lanes, n_lanes), change, before, left, expected
+    real(wp) :: columns(n_lanes, n_lanes), change, before, left
     integer :: b, k
-    logical :: one, summed, fresh
+    logical :: one, summed
 
     converged = .false.
     before = 0.0_wp
-    fresh = .true.
     one = n == 1 .and. blocks == 1
     do k = 1, max_steps
       change = 0.0_wp
       do b = 1, blocks
         call node_states(blocks, n, times(1, b), sums(1, 1, 1, b), f, q_0, v_0, q(1, 1, b), &
                          v(1, 1, b))
-        if (fresh) then
-          call system%linearise(q(1, 1, b), v(1, 1, b), drive(1, 1, b), f_new(1, 1, b), &
-                                by_q(1, 1, b), by_v(1, 1, b))
-        else
-          call system%acceleration(q(1, 1, b), v(1, 1, b), drive(1, 1, b), f_new(1, 1, b))
-        end if
+        call system%linearise(q(1, 1, b), v(1, 1, b), drive(1, 1, b), f_new(1, 1, b), &
+                              by_q(1, 1, b), by_v(1, 1, b))
       end do
       n_evaluations = n_evaluations + blocks
       do b = 1, blocks
@@ -76,12 +71,9 @@ contains
         converged = h_2*change <= lost
         return
       end if
-      ! What old derivatives leave is the change since they were taken, times the one now.
-      expected = change
-      if (.not. fresh) expected = before
-      left = max(fine*wanted, fine*change*(expected/max(total, change, wanted)))
+      left = max(fine*wanted, fine*change*(change/max(total, change, wanted)))
       if (one) then
-        if (fresh) call make_columns(sums, by_q(1, 1, 1), by_v(1, 1, 1), columns)
+        call make_columns(sums, by_q(1, 1, 1), by_v(1, 1, 1), columns)
         call add_one_series(columns, left, system%range%push, f, f_new, summed)
       else
         call add_series(n, blocks, times, sums, by_q, by_v, left, system%range%push, f, f_new, &
@@ -90,14 +82,7 @@ contains
       if (.not. summed) return
       if (change <= wanted) exit
       if (k > 1 .and. left <= wanted .and. change <= before) then
-        if (fresh) then
-          if (margin*change*(change/before)**2 <= wanted) exit
-        else
-          if (margin*change*(change/before) <= wanted) exit
-        end if
-        ! If the next change is what the squares tell, derivatives need not be taken again for it.
-        expected = change*(change/before)**2
-        fresh = .not. (fresh .and. margin*expected*(expected/change) <= wanted)
+        if (margin*change*(change/before)**2 <= wanted) exit
       end if
       before = change
     end do

@@ -105,7 +105,7 @@ def test_numbers_stand_on_either_side(seed):
 
 @pytest.mark.parametrize("seed", range(6))
 def test_the_tolerance_of_the_equations_holds(seed):
-    """Derivatives that are taken twice only leave no more than the tolerance allows."""
+    """Equations solved to a tolerance leave no more than it in the motion, in any steps."""
     rng = np.random.default_rng(seed)
     law = rng.choice(list(ONE))
     system = vv.PolynomialSystem(mass=1, stiffness=1.5, damping=0.2, forces=law)

@@ -5,7 +5,7 @@ import math
 import warnings
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from functools import partial
+from functools import cache, partial
 from typing import Any
 
 import numpy as np
@@ -13,7 +13,7 @@ import numpy.typing as npt
 
 from viscovib import _native
 from viscovib._native import ComplexArray, FloatArray, core
-from viscovib.analyses.runs import MAX_STEPS, Piece, Run, Wanted, again
+from viscovib.analyses.runs import MAX_STEPS, Piece, Run, Wanted, again, nothing
 from viscovib.common.mesh import Mesh
 from viscovib.common.past import Past
 from viscovib.errors import InputError, StabilityWarning, caller
@@ -406,10 +406,18 @@ def hereditary_run_of(run: Run) -> MountMotion | None:
     return run.motion if isinstance(run, MountRun) else None
 
 
+@cache
+def _no_pieces(n: int) -> FloatArray:
+    """The cubics of no table."""
+    pieces = np.zeros((n, 4, 1), order="F")
+    pieces.setflags(write=False)
+    return pieces
+
+
 def table_of(force: LoadTable | None, n: int) -> tuple[FloatArray, FloatArray]:
     """Return the times of a table and the cubics between them as the core takes them."""
     if force is None:
-        return np.zeros(1), np.zeros((n, 4, 1), order="F")
+        return nothing(1), _no_pieces(n)
     if not isinstance(force, LoadTable):
         raise InputError(f"force = {_native.shown(force)}: must be a LoadTable")
     return np.asarray(force.times), force._pieces(n)

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Callable, Mapping
-from functools import partial
+from functools import cache, partial
 from typing import Any, TypeGuard
 
 import numpy as np
@@ -86,7 +86,8 @@ def goes_as_pendulum(
         return False
     if system._active_kernels or not _native.is_auto(memory):
         return False
-    highest = max(load, default=0) if isinstance(load, Mapping) else 1
+    plain = load is None or type(load) is float
+    highest = max(load, default=0) if not plain and isinstance(load, Mapping) else 1
     return (
         len(system.dof_names) <= MAX_DOF
         and isinstance(method, str)
@@ -96,6 +97,14 @@ def goes_as_pendulum(
         and isinstance(highest, int)
         and highest <= MAX_HARMONICS
     )
+
+
+@cache
+def _all_move(n: int) -> npt.NDArray[np.int32]:
+    """What the core is told where every coordinate moves; nobody writes into it."""
+    moves = np.ones(n, dtype=np.int32)
+    moves.setflags(write=False)
+    return moves
 
 
 def polynomial_runs(
@@ -137,7 +146,7 @@ def polynomial_runs(
         pushed[i] or any(forces[i]) or starts[2 * i] != 0 or starts[2 * i + 1] != 0
         for i in range(n)
     ]
-    moves = np.ones(n, dtype=np.int32) if all(driven) else moving(system, np.array(driven))
+    moves = _all_move(n) if all(driven) else moving(system, np.array(driven))
     job = (system._flat, orders, series, frequency, breaks, pieces, moves, force)
     return partial(PolynomialRun.of_job, system, name, state, solved, job), steps
 
