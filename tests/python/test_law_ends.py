@@ -144,3 +144,40 @@ def test_no_pole_is_told_where_none_is_passed(law, recwarn):
     run = vv.simulate(with_law(law), 3, initial=[0, 2], dt=0.01)
     assert (run.outcome, run.reason) == ("completed", None)
     assert not recwarn.list
+
+
+#: Laws that pull towards a pole at g, those that are smooth but change within e there, and others.
+POLES = (
+    "-{f}/({g} - d)", "{f}*(d - {g})^(-3)", "-{f}/({g} - d)^6", "-{f}/(d^2 - 2*{g}*d + {g}^2)",
+    "-{f}*tan(pi/2*d/{g})", "{f}/sin(d/{g} - 1)", "-{f}*exp(d)/(1 - d/{g})",
+    "{f}/(tanh(d) - tanh({g}))", "-{f}/abs(d - {g})", "-{f}/((d - {g})^2 - 1e-8)",
+)  # fmt: skip
+LAYERS = (
+    "{f}/(1 + ((d - {g})/{e})^2)", "{f}*exp(-((d - {g})/{e})^2)", "{f}*tanh((d - {g})/{e})",
+    "{f}/cosh((d - {g})/{e})", "{f}*{e}^2/({e}^2 + (d - {g})^2)",
+)  # fmt: skip
+SMOOTH = (
+    "{f}*sin(d - {g})/(d - {g})", "{f}/(1 + d^2)", "{f}*where(d < 9, 1, 1/(d - {g}))",
+    "{f}*tan(d/9)", "{f}*tanh(d/0.3)",
+)  # fmt: skip
+
+
+@pytest.mark.parametrize("text", [*POLES, *LAYERS, *SMOOTH])
+def test_true_poles_are_told_and_thin_bumps_are_told_as_layers(text):
+    """Bumps grow as steeply as poles to where they are thin; only poles grow on."""
+    rng = np.random.default_rng(len(text))
+    for _ in range(4):
+        f, g = float(rng.uniform(0.01, 0.1)), float(rng.uniform(0.4, 0.8))
+        e = float(10 ** rng.uniform(-6, -3.3))
+        system = with_law(text.format(f=repr(f), g=repr(g), e=repr(e)))
+        with warnings.catch_warnings(record=True) as heard:
+            warnings.simplefilter("always")
+            run = vv.simulate(system, 3, initial=[0, 2], dt=0.02)
+        told = run.reason or "".join(str(one.message) for one in heard)
+        assert ("has a pole" in told) == (text in POLES), told
+        assert ("a layer thinner" in told) == (text in LAYERS), told
+        if text not in SMOOTH:
+            assert float(re.search(r"d = ([\d.]+)", told)[1]) == pytest.approx(g, abs=2e-4)
+        if text in LAYERS:
+            width = float(re.search(r"within (\S+) about", told)[1])
+            assert e < width < 4 * e, told

@@ -113,6 +113,9 @@ def reason(coarse: "Trajectory", fine: "Trajectory", want: Accuracy) -> str:
         pole = fine._pole_passed() or fine._pole_after(i)
         if pole is not None:
             return pole
+        layer = fine._layer_passed(slice(max(i - 1, 0), i + 3))
+        if layer is not None:
+            return f"two runs agree to t = {t[i]:.6g} and differ suddenly after it: {layer}"
         return (
             f"two runs agree to t = {t[i]:.6g} and differ suddenly by t = {t[i + 1]:.6g}, as where "
             "a force has a jump or corner on which no step ends, or changes too fast for them: "

@@ -374,12 +374,22 @@ def _with_step(steps: _Steps, end: float, step: float, estimated: bool) -> Traje
             ConvergenceWarning,
             stacklevel=caller(),
         )
-    pole = result._pole_passed() if result.outcome == "completed" else None
-    if pole is not None:
-        warnings.warn(f"dt = {step:g}: {pole}", ConvergenceWarning, stacklevel=caller())
+    told = None
+    if result.outcome == "completed":
+        told = result._pole_passed()
+        if told is None and _every_step(result.t, step):
+            # Only states of every step tell what a step has passed.
+            told = result._layer_passed()
+    if told is not None:
+        warnings.warn(f"dt = {step:g}: {told}", ConvergenceWarning, stacklevel=caller())
     if estimated:
         return with_estimate(result, run(2, 1), "by a run in half steps")
     return result
+
+
+def _every_step(t: FloatArray, step: float) -> bool:
+    """Whether the times are those of every step."""
+    return t.size > 1 and bool(t[-1] - t[0] < 1.5 * step * (t.size - 1))
 
 
 def _mesh(

@@ -19,14 +19,8 @@ from viscovib.common.plan import Plan, wanted_places
 from viscovib.common.results import Number, Panel, Result, named, span
 from viscovib.common.tables import Table, listed_units
 from viscovib.errors import InputError
-from viscovib.systems.law_ends import (
-    law_end as end_of_law,
-    law_pole,
-    may_have_poles,
-    pole_between,
-    told_edges,
-    told_pole,
-)
+from viscovib.systems.law_ends import law_end as end_of_law, told_edges
+from viscovib.systems.law_poles import has_laws, law_pole, layer_between, pole_between, told_pole
 from viscovib.systems.mount import Mount
 from viscovib.systems.pendulum import Pendulum
 from viscovib.systems.polynomial_system import PolynomialSystem
@@ -203,7 +197,9 @@ class Trajectory(Result):
         if pole is not None:
             return pole
         if ended is None and self.outcome == "step too large":
-            return f"the motion goes on, but steps of {self.step:.6g} do not follow it {when}"
+            layer = self._layer_passed(slice(-3, None)) if self.t.size else None
+            told = "" if layer is None else f": {layer}"
+            return f"the motion goes on, but steps of {self.step:.6g} do not follow it {when}{told}"
         if ended is None:
             return f"the motion runs away {when}{told_edges(self.system)}"
         text, reads = ended
@@ -227,7 +223,7 @@ class Trajectory(Result):
 
     def _pole_after(self, row: int) -> str | None:
         """A sentence about the pole of a force law that the motion comes to after a state kept."""
-        if not may_have_poles(self.system) or not 0 <= row < self.t.size:
+        if not (0 <= row < self.t.size and has_laws(self.system)):
             return None
         # Where a force grows so fast, it moves the motion on the way too.
         until = self.t[row + 1] if row + 1 < self.t.size else self.t_reached
@@ -238,10 +234,19 @@ class Trajectory(Result):
 
     def _pole_passed(self) -> str | None:
         """The same of the first pole that the states kept are on both sides of."""
-        if self.t.size < 2 or not may_have_poles(self.system):
+        if self.t.size < 2 or not has_laws(self.system):
             return None
-        found = pole_between(self.system, self._read_by_laws(slice(None)), self.t)
+        at = self._read_by_laws(slice(None))
+        found = pole_between(self.system, at, self.t, self.step)
         return None if found is None else told_pole(*found)
+
+    def _layer_passed(self, rows: slice = slice(None)) -> str | None:
+        """A sentence about the largest change of a law that no state kept is within."""
+        t = self.t[rows]
+        if t.size < 2 or not has_laws(self.system):
+            return None
+        found = layer_between(self.system, self._read_by_laws(rows), t)
+        return None if found is None else found.told()
 
     def _read_by_laws(self, rows: slice) -> tuple[FloatArray, FloatArray]:
         """What laws read of the states kept, and its rates."""

@@ -1,0 +1,394 @@
+"""Where a force law grows without bound, or changes within less than a step."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from viscovib._native import FloatArray
+from viscovib.systems.laws import Law
+from viscovib.systems.polynomial_system import PolynomialSystem
+from viscovib.systems.structure import Structure
+
+#: Instructions of the core: those that divide, and those that are 0 where an operand is.
+_NUMBER, _ARGUMENT, _ADD, _SUBTRACT, _MULTIPLY, _DIVIDE, _POWER = range(1, 8)
+_SQUARE, _KNOWN_POWER, _NEGATE = 8, 9, 10
+_COS, _TAN, _SQRT, _ABS, _ATAN2, _ATLEAST, _WHERE = 12, 13, 25, 26, 29, 35, 36
+#: Those of one operand that may turn a small change of it into a layer: no kinks, no jumps.
+_SMOOTH = frozenset((_SQUARE, _KNOWN_POWER, *range(11, 26)))
+_DIVIDING = frozenset((_DIVIDE, _POWER, _KNOWN_POWER, _TAN))
+#: What the core gives where a law has no value.
+_WALL = 1e60
+_EPS = float(np.finfo(float).eps)
+#: Secants and bisections for a zero; places looked at, with the same value of it taken as one.
+_SECANTS, _BISECTIONS, _MOST_PLACES = 30, 60, 64
+#: By how much differences grow with each halving of the distance (of 1/x^p: 2^p), how often, and
+#: how near to a zero, in units of its rounding. A zero that is only touched is less sharp.
+_GROWTH, _HALVINGS, _NEAREST, _TOUCHING = 1.15, 12, 1e4, 1e-6
+_DOUBLINGS = 40
+#: Of what is added, parts that count as rounding.
+_CANCELLED = 1e-13
+#: Parts of a straight way on which places are looked for.
+_GRID = np.linspace(0.0, 1.0, 41)
+#: Half widths of layers that are looked for, and the largest, in parts of the way between states.
+_WIDTHS = np.logspace(-12, 0, 241)
+_THIN = 0.1
+
+
+@dataclass(frozen=True)
+class Layer:
+    """A change of a law within a small width, and when a motion comes there."""
+
+    text: str
+    reads: dict[str, float]
+    change: float
+    width: float
+    when: float
+    #: How long the motion takes through it (s).
+    takes: float
+
+    def told(self) -> str:
+        """A sentence about it."""
+        return (
+            f"the law '{self.text}' changes by {self.change:.3g} within {self.width:.3g} about "
+            f"{_named(self.reads)}, where the motion comes about t = {self.when:.6g} and stays for "
+            f"{self.takes:.2g}: a layer thinner than a step (take dt below that, or a wider layer)"
+        )
+
+
+def law_pole(
+    system: object, at: tuple[FloatArray, FloatArray], times: FloatArray, reach: float
+) -> tuple[str, dict[str, float], float] | None:
+    """Return the text of a law that grows without bound on the way, what it reads there, and when.
+
+    Parameters
+    ----------
+    system
+        Of others than polynomial systems and structures no law is known.
+    at
+        Coordinates and velocities, shape (m, n), of a structure deflections and their rates.
+    times : ndarray, shape (m,)
+        When the states are (s).
+    reach : float
+        How far the motion goes on after each (s).
+
+    Returns
+    -------
+    tuple or None
+        None: no law has a pole near. The motion is taken to go straight on.
+    """
+    for i, begin in enumerate(times):
+        q, v = at[0][i : i + 1], at[1][i : i + 1]
+        way = (q + reach * _GRID[:, np.newaxis] * v, np.repeat(v, _GRID.size, axis=0))
+        found = pole_between(system, way, begin + reach * _GRID, 0.0)
+        if found is not None:
+            return found
+    return None
+
+
+def pole_between(
+    system: object, at: tuple[FloatArray, FloatArray], times: FloatArray, step: float
+) -> tuple[str, dict[str, float], float] | None:
+    """Return the same of the first pole between states, as of ``law_pole``.
+
+    A step that comes over a pole may be thrown back by it: so is what a state would pass within
+    a step (s) by its rates.
+    """
+    first = None
+    for law, rows, rates in _arguments(system, *at, _DIVIDING):
+        divisors = _divisors(law)
+        ahead = rows[:-1] + np.minimum(np.diff(times), step)[:, np.newaxis] * rates[:-1]
+        places = [
+            place for ends in (rows[1:], ahead) for place in _places(law, divisors, rows[:-1], ends)
+        ]
+        for when, place in sorted(
+            ((_time(law, place, times, rates), place) for place in places), key=lambda one: one[0]
+        ):
+            if first is not None and when >= first[2]:
+                break
+            if _grows(law, place):
+                first = law.text, _read(law, place.there), when
+                break
+    return first
+
+
+def layer_between(
+    system: object, at: tuple[FloatArray, FloatArray], times: FloatArray
+) -> Layer | None:
+    """Return the largest change of a law that no state, as of ``law_pole``, is within."""
+    found = None
+    for law, rows, rates in _arguments(system, *at, _SMOOTH):
+        for place in _places(law, _bent(law), rows[:-1], rows[1:]):
+            change, width = _change(law, place)
+            if width > _THIN or (found is not None and change <= found.change):
+                continue
+            span = float(times[place.row + 1] - times[place.row])
+            way = 2 * width * float(np.linalg.norm(place.along[list(law.places)]))
+            when = _time(law, place, times, rates)
+            reads = _read(law, place.there)
+            found = Layer(law.text, reads, change, way, when, 2 * width * span)
+    return found
+
+
+def has_laws(system: object) -> bool:
+    """Whether a system has laws that are programs."""
+    if isinstance(system, PolynomialSystem):
+        return any(group.laws for group in system.groups)
+    return isinstance(system, Structure) and bool(system._condensation.laws.programs)
+
+
+def told_pole(text: str, reads: dict[str, float], when: float) -> str:
+    """A sentence about a pole."""
+    return (
+        f"the law '{text}' has a pole at {_named(reads)}, where the motion comes about "
+        f"t = {when:.6g}: no steps follow it there (take a law that stays bounded, or end the run "
+        "before by an event)"
+    )
+
+
+def _named(reads: dict[str, float]) -> str:
+    return ", ".join(f"{name} = {value:.6g}" for name, value in reads.items())
+
+
+@dataclass(frozen=True)
+class _Place:
+    """Where an operand is 0 between two rows of arguments."""
+
+    row: int
+    part: float
+    there: FloatArray
+    along: FloatArray
+    #: It only touches 0 there.
+    touches: bool
+
+
+def _time(law: Law, place: _Place, times: FloatArray, rates: FloatArray) -> float:
+    """When a motion comes to a place that goes on at its rate; beyond a pole rates are anything."""
+    begin, end = times[place.row : place.row + 2]
+    used = list(law.places)
+    along = place.along[used]
+    speed = float((rates[place.row, used] @ along) / (along @ along))
+    later = place.part / speed if speed > 0 else np.inf
+    return float(begin + min(later, end - begin))
+
+
+def _places(law: Law, operands: list[Law], begins: FloatArray, ends: FloatArray) -> list[_Place]:
+    """Where any of these is 0 on straight ways, in their order."""
+    found: dict[tuple[float, ...], _Place] = {}
+    used = list(law.places)
+    along = ends - begins
+    for operand in operands:
+        values, slopes = zip(operand(begins), operand(ends), strict=True)
+        first, last = (np.einsum("ij,ij->i", slope, along) for slope in slopes)
+        changes = values[0] * values[1] < 0
+        # Towards 0 at first and away from it at last.
+        turns = (values[0] * first < 0) & (values[1] * last > 0) & ~changes
+        for some, turning in ((changes, False), (turns, True)):
+            chosen = np.flatnonzero(some)[:_MOST_PLACES]
+            for row, part, touches in _zeros(operand, begins, along, chosen, turning=turning):
+                there = begins[row] + part * along[row]
+                key = tuple(float(f"{x:.6g}") for x in there[used])
+                if key not in found or found[key].row > row:
+                    found[key] = _Place(row, part, there, along[row], touches)
+    return sorted(found.values(), key=lambda one: (one.row, one.part))[:_MOST_PLACES]
+
+
+def _zeros(
+    operand: Law, begins: FloatArray, along: FloatArray, rows: NDArray[np.intp], *, turning: bool
+) -> Iterator[tuple[int, float, bool]]:
+    """Yield ways on which an operand is 0, the parts of them, and whether it only touches 0.
+
+    ``turning``: on these ways it comes nearer to 0 and goes away from it.
+    """
+    if rows.size == 0:
+        return
+    at, way = begins[rows], along[rows]
+
+    def value(parts: FloatArray) -> FloatArray:
+        return operand(at + parts[:, np.newaxis] * way)[0]
+
+    def slope(parts: FloatArray) -> FloatArray:
+        slopes = operand(at + parts[:, np.newaxis] * way)[1]
+        return np.asarray(np.einsum("ij,ij->i", slopes, way))
+
+    none, all_of_it = np.zeros(rows.size), np.ones(rows.size)
+    if not turning:
+        for row, part in zip(rows, _bracketed(value, none, all_of_it), strict=True):
+            yield int(row), float(part), False
+        return
+    turn = _bracketed(slope, none, all_of_it)
+    crosses = value(turn) * value(none) < 0
+    touches = _cancels(operand, at + turn[:, np.newaxis] * way)
+    sides = [
+        _bracketed(value, *ends) for ends in ((none, turn), (turn, all_of_it)) if crosses.any()
+    ]
+    for i, row in enumerate(rows):
+        if crosses[i]:
+            for side in sides:
+                yield int(row), float(side[i]), False
+        elif touches[i]:
+            yield int(row), float(turn[i]), True
+
+
+def _bracketed(
+    function: Callable[[FloatArray], FloatArray], low: FloatArray, high: FloatArray
+) -> FloatArray:
+    """Zeros between places with different signs, all at once (the Illinois rule, then halves)."""
+    low, high = low.copy(), high.copy()
+    f, g = function(low), function(high)
+    for i in range(_SECANTS + _BISECTIONS):
+        with np.errstate(all="ignore"):
+            middle = high - g * (high - low) / (g - f)
+        inside = (middle >= np.minimum(low, high)) & (middle <= np.maximum(low, high))
+        middle = np.where(inside & (i < _SECANTS), middle, 0.5 * (low + high))
+        h = function(middle)
+        across = h * g < 0
+        low, f = np.where(across, high, low), np.where(across, g, 0.5 * f)
+        moved = np.abs(middle - high)
+        high, g = middle, h
+        if ((g == 0) | (moved <= 8 * _EPS) | (np.abs(high - low) <= _EPS)).all():
+            break
+    return high
+
+
+def _cancels(operand: Law, at: FloatArray) -> NDArray[np.bool_]:
+    """Where a sum is 0 to rounding. A sum of what is not negative is not."""
+    if operand.code[-1] not in (_ADD, _SUBTRACT):
+        return np.zeros(len(at), bool)
+    size = sum(np.abs(part(at)[0]) for part in _operands(operand))
+    return np.asarray(np.abs(operand(at)[0]) <= _CANCELLED * size)
+
+
+def _grows(law: Law, place: _Place) -> bool:
+    """Whether a law grows without bound on one side of a place, to rounding."""
+    used = list(law.places)
+    largest = float(np.abs(place.there[used]).max() + np.abs(place.along[used]).max())
+    unit = largest / float(np.abs(place.along[used]).max())
+    near = (_TOUCHING if place.touches else _NEAREST * _EPS) * unit
+    parts = near * 2.0 ** np.arange(_DOUBLINGS)
+    for side in (-1, 1):
+        f = np.asarray(law(place.there + side * parts[:, np.newaxis] * place.along)[0])
+        # Next to a pole of a high order all is as high as the wall.
+        f = f[np.argmax(np.abs(f) < _WALL) :][: _HALVINGS + 2]
+        if f.size < _HALVINGS + 2 or (np.abs(f) >= _WALL).any():
+            continue
+        differences = np.abs(np.diff(f))
+        if (differences[:-1] > _GROWTH * differences[1:]).all() and differences[-1] > 0:
+            return True
+    return False
+
+
+def _change(law: Law, place: _Place) -> tuple[float, float]:
+    """By how much a law changes about a place, and within what half width half of it happens."""
+    values = []
+    for side in (-1, 1):
+        values.append(law(place.there + side * _WIDTHS[:, np.newaxis] * place.along)[0])
+    middle = float(law(place.there[np.newaxis])[0][0])
+    both = np.abs(np.asarray(values) - middle)
+    if max(np.abs(values).max(), abs(middle)) >= _WALL:
+        return 0.0, 1.0
+    change = float(both.max())
+    if not change > 0:
+        return 0.0, 1.0
+    half = (both >= 0.5 * change).any(axis=0)
+    # A step changes on both sides, a bump goes back on both.
+    across = float(max(change, np.abs(values[1][-1] - values[0][-1])))
+    return across, float(_WIDTHS[int(half.argmax())])
+
+
+def _divisors(law: Law) -> list[Law]:
+    """What must not be 0 in a law: divisors, cosines of tangents, bases of negative powers."""
+    found = []
+    for i, code in enumerate(law.code):
+        if code == _DIVIDE:
+            found.append(_operands(law, i)[1])
+        elif code == _TAN:
+            angle = _operands(law, i)[0]
+            found.append(replace(angle, code=(*angle.code, _COS), number=(*angle.number, 0.0)))
+        elif code == _POWER or (code == _KNOWN_POWER and law.number[i] < 0):
+            found.append(_operands(law, i)[0])
+    return [factor for one in found for factor in _factors(one)]
+
+
+def _bent(law: Law) -> list[Law]:
+    """What smooth functions of a law take; about a zero of it the most may change."""
+    found = [_operands(law, i)[0] for i, code in enumerate(law.code) if code in _SMOOTH]
+    return [factor for one in found for factor in _factors(one)]
+
+
+def _factors(operand: Law) -> list[Law]:
+    """Where one of these is 0 an operand is; none has a double zero for its form alone."""
+    code = operand.code[-1]
+    if code == _NUMBER:
+        return []
+    parts = _operands(operand)
+    if code == _MULTIPLY:
+        return [factor for part in parts for factor in _factors(part)]
+    if code in (_SQUARE, _NEGATE, _SQRT, _ABS, _DIVIDE) or (
+        code == _KNOWN_POWER and operand.number[-1] > 0
+    ):
+        return _factors(parts[0])
+    return [operand] if _ARGUMENT in operand.code else []
+
+
+def _operands(law: Law, last: int = -1) -> list[Law]:
+    """What an instruction of a law takes, each as a law."""
+    last %= len(law.code)
+    if _n_operands(law.code[last]) == 0:
+        return []
+    begins: list[int] = []
+    for i, code in enumerate(law.code[: last + 1]):
+        n = _n_operands(code)
+        taken = begins[len(begins) - n :]
+        if i == last:
+            ends = [*taken[1:], i]
+            return [
+                replace(law, code=law.code[a:b], number=law.number[a:b])
+                for a, b in zip(taken, ends, strict=True)
+            ]
+        del begins[len(begins) - n :]
+        begins.append(taken[0] if taken else i)
+    return []
+
+
+def _n_operands(code: int) -> int:
+    if code in (_NUMBER, _ARGUMENT):
+        return 0
+    if code == _WHERE:
+        return 3
+    two = _ADD <= code <= _POWER or _ATAN2 <= code <= _ATLEAST or code > _WHERE
+    return 2 if two else 1
+
+
+def _read(law: Law, there: FloatArray) -> dict[str, float]:
+    """What a law reads at a place, its rates left out."""
+    n_positions = len(law.arguments) - law.n_rates
+    read = [place for place in law.places if place < n_positions] or list(law.places)
+    return {law.arguments[place]: float(there[place]) for place in read}
+
+
+def _arguments(
+    system: object, q: FloatArray, v: FloatArray, having: frozenset[int]
+) -> Iterator[tuple[Law, FloatArray, FloatArray]]:
+    """Yield each law that has one of these instructions, its arguments at states and their rates.
+
+    Shape (m, n_arguments); the rates of rates are taken as 0. Laws of elements with a state of
+    their own are left out.
+    """
+    nothing = np.zeros_like(v)
+    if isinstance(system, PolynomialSystem):
+        for group in system.groups:
+            for _, law in group.laws:
+                if not law.state and law.places and not having.isdisjoint(law.code):
+                    n = len(law.arguments)
+                    yield law, np.hstack([q, v])[:, :n], np.hstack([v, nothing])[:, :n]
+    elif isinstance(system, Structure):
+        for place in system._condensation.laws.programs:
+            law = place.law
+            if not law.state and law.places and not having.isdisjoint(law.code):
+                n, (d, rate) = len(law.arguments), (x @ place.reads.T for x in (q, v))
+                along = np.hstack([rate, np.zeros_like(rate)])
+                yield law, np.hstack([d, rate])[:, :n], along[:, :n]
