@@ -18,7 +18,7 @@ module viscovib_law_lanes
   implicit none
   private
 
-  public :: evaluate_lanes, evaluate_term, read_arguments
+  public :: all_small, evaluate_lanes, evaluate_term, read_arguments
 
   !> Beyond this a power is computed as one of a real number.
   real(wp), parameter :: highest_power = 32.0_wp
@@ -236,6 +236,11 @@ contains
 
     select case (code)
     case (f_sin, f_cos)
+      if (all_small(x(1, 1))) then
+        call sine_cosine_lanes(x(:, 1), x(:, 2), x(:, 3))
+        x(:, 1) = x(:, merge(2, 3, code == f_sin))
+        return
+      end if
       inside = abs(x(:, 1)) <= largest_angle
       x(:, 2) = merge(x(:, 1), 0.0_wp, inside)
       if (code == f_sin) then
@@ -254,8 +259,8 @@ contains
       x(:, 1) = merge(wall, other, x(:, 1) > steepest)
       return
     case (f_tanh)
-      call tangent_lanes(x(:, 1), other)
-      x(:, 1) = other
+      call tangent_lanes(x(:, 1), x(:, 2))
+      x(:, 1) = x(:, 2)
       return
     case (f_log)
       call logarithm_lanes(max(x(:, 1), 1.0_wp/wall), other)
@@ -288,6 +293,20 @@ contains
     end if
     x(:, 1) = other
   end subroutine transcend
+
+  !> Whether angles are far inside the range of those that lanes take; else they are looked at one by
+  !! one. A sum, since a maximum would keep the loop scalar.
+  pure logical function all_small(x)
+    real(wp), intent(in) :: x(n_lanes)
+    real(wp) :: sizes(n_lanes)
+    integer :: l
+    !GCC$ unroll 1
+    do l = 1, n_lanes
+      sizes(l) = abs(x(l))
+    end do
+    all_small = ((sizes(1) + sizes(5)) + (sizes(3) + sizes(7))) &
+                + ((sizes(2) + sizes(6)) + (sizes(4) + sizes(8))) <= largest_angle
+  end function all_small
 
   !> x^number, twice which is whole: by products where the power is in range, in a lane whatever the
   !! others hold.

@@ -130,3 +130,18 @@ def test_peaks_and_means_by_default_are_those_of_the_motions(tolerance):
             states = vv.simulate(body, initial=start, tolerance=1e-9, **job)(t)
             assert peak == pytest.approx(np.abs(states).max(axis=0), rel=6e-3)
             assert rms == pytest.approx(np.sqrt((states**2).mean(axis=0)), rel=3e-2)
+
+
+@pytest.mark.parametrize("law", ["0.3*sin(1e6*x)", "0.2*cos(3e5*x)*x_dot"])
+def test_large_angles_beside_small_ones(law):
+    """Angles of all sizes side by side: no motion depends on its neighbours, by a single bit."""
+    system = vv.PolynomialSystem(mass=1, stiffness=1, damping=0.1, forces=law)
+    starts = np.array([[x, 0.0] for x in (1e-6, 0.05, 0.2, 0.9, 1.1, 3.0, 40.0, 1e-3)])
+    call = {"t_end": 0.5, "dt": 0.1, "method": "verner9", "n_threads": 1}
+    together = vv.simulate_ensemble(system, initial=starts, **call).state
+    alone = [vv.simulate_ensemble(system, initial=[start], **call).state[0] for start in starts]
+    np.testing.assert_array_equal(together, alone)
+    at = starts[:, 0]
+    force = {"0.3": 0.3 * np.sin(1e6 * at)}.get(law[:3], 0 * at)
+    brief = vv.simulate_ensemble(system, initial=starts, **{**call, "t_end": 1e-9, "dt": 1e-9})
+    np.testing.assert_allclose(brief.state[:, 1], -(at + force) * 1e-9, rtol=1e-2)
