@@ -399,7 +399,7 @@ def test_table_dataset_and_picture(tmp_path):
         (lambda: vv.forced_response(swung(), p2=-1), "p2 = -1: must be greater than 0"),
         (lambda: vv.forced_response(swung(), p1=1.0), "p1: varies, but no load acts at it: f0 = 0"),
         (lambda: vv.forced_response(swung(), p2=[[1.0]]), "must have 0 or 1 dimension"),
-        (lambda: vv.forced_response(swung(), harmonics=0), "harmonics = 0: must be 1 to 199"),
+        (lambda: vv.forced_response(swung(), harmonics=0), "harmonics = 0: must be 1 to 399"),
         (lambda: vv.forced_response(swung(), tolerance=0), "tolerance = 0: must be in"),
         (lambda: vv.forced_response(swung(), subharmonic=0), "subharmonic = 0: must be 1 to 20"),
         (

@@ -216,7 +216,7 @@ def test_dataset_and_csv_hold_the_same_numbers(mount, tmp_path):
         ({"base": [1.0, 2.0]}, "base: has a motion for each coordinate, must be along one"),
         ({"harmonics": "many"}, "harmonics = 'many': must be an integer or 'auto'"),
         ({"method": "newtonian"}, "method = 'newtonian': must be one of"),
-        ({"harmonics": 0}, "harmonics = 0: must be 1 to 199"),
+        ({"harmonics": 0}, "harmonics = 0: must be 1 to 399"),
         ({"harmonics": 9.5}, "harmonics = 9.5: must be an integer"),
         ({"tolerance": 0.0}, "tolerance = 0: must be in [1e-14, 0.1]"),
         ({"tolerance": np.nan}, "tolerance = nan: must be a finite number"),

@@ -204,9 +204,9 @@ def test_equal_and_nearly_equal_frequencies():
 def test_loads_must_fit_in_their_orders():
     """Loads of 12 and 11 times a base frequency are nothing to a balance of five orders."""
     close = replace(TWO, p1=0.37 * 12 / 11)
-    with pytest.raises(vv.InputError, match=r"harmonics = 11: must be 12 to 199"):
+    with pytest.raises(vv.InputError, match=r"harmonics = 11: must be 12 to 399"):
         vv.forced_response(close, harmonics=11)
-    with pytest.raises(vv.InputError, match=r"harmonics = 5: must be 12 to 199"):
+    with pytest.raises(vv.InputError, match=r"harmonics = 5: must be 12 to 399"):
         vv.trace_response(close, f0=(0.01, 0.02), harmonics=5)
     with pytest.warns(vv.ConvergenceWarning, match="25 orders leave an estimated relative error"):
         branch = vv.trace_response(close, f0=(0.01, 0.02), harmonics=25, stability=False)
@@ -228,7 +228,7 @@ def test_a_small_common_base_is_no_axis_of_three_loads():
     assert together.drive_orders.ravel().tolist() == [132, 144, 121]
     far = replace(THREE, p1=0.4, p2=0.4 * 97 / 96, p3=0.4 * 89 / 91)
     with pytest.raises(vv.InputError, match=r"max_denominator = 99: the loads are up to 8827 times "
-                       r"their base frequency, must be at most 199"):  # fmt: skip
+                       r"their base frequency, must be at most 399"):  # fmt: skip
         vv.forced_response(far, nu=[1e-4], max_denominator=99)
     with pytest.raises(vv.InputError, match=r"max_denominator: the loads are up to 97 times"):
         vv.forced_response(far, max_denominator=99)

@@ -10,7 +10,8 @@ from viscovib._native import ComplexArray, FloatArray
 from viscovib.common.counts import things
 from viscovib.errors import InputError
 from viscovib.systems.element_laws import Laws
-from viscovib.systems.resting_forces import Motions, forces_of_laws, products, solved
+from viscovib.systems.resonant_forces import compliance, refine, with_modes
+from viscovib.systems.resting_forces import Motions, forces_of_laws, solved
 from viscovib.systems.structure_rest import Rest, Static, static_form
 
 #: Kernel kind in x by which the core knows that the vector holds a condensed structure.
@@ -23,9 +24,8 @@ _UNSEEN = 1e-10
 _AT_ONCE = 2_000_000
 #: Coordinates up to which the core is given the matrices behind complex modes.
 _FEW = 24
-#: A mode whose dynamic stiffness is this part of its stiffness or less is next to a resonance: the
-#: part of the digits that the others may lose beside it.
-_NEAR = 1e-2
+#: A mode whose dynamic stiffness is this part of its stiffness or less is next to a resonance.
+_NEAR = 1e-6
 
 
 class Condensation:
@@ -437,29 +437,22 @@ class LoadedStructure:
                 if kernel is not None:
                     g += kernel.transform(s.imag)[:, np.newaxis] * (y @ own.T)
             return (modes + g @ c.seen.T) * t, (poles + g @ c.right.T) * w, g
+        rigid = free.copy()
         pushed = modes[:, quiet] * t[:, quiet]
         free += pushed @ c.seen[quiet] + (poles * w) @ c.left
-        h = products(t[:, quiet], c.seen[quiet], c.seen[quiet])
-        h = h + products(w, c.left, c.right)
-        h = h + c.laws.directions.T @ c.flexible
-        h = h + s[:, np.newaxis, np.newaxis] * (c.laws.directions.T @ c.flexible_rate)
-        if not loud.size:
-            g = solved(h, y - free)
-            if motions is not None:
-                g = forces_of_laws(c, g, h, t, w, pushed, poles * w, y, motions)
-            return (modes + g @ c.seen.T) * t, (poles + g @ c.right.T) * w, g
-        # Forces h of the elements on the rest: y = free + H h + seen a, a of the loud modes, with
-        # apart a = modes + seen h.
-        q = y.shape[1]
-        whole = np.zeros((s.size, q + loud.size, q + loud.size), dtype=complex)
-        whole[:, :q, :q] = h
-        whole[:, :q, q:] = c.seen[loud].T
-        whole[:, q:, :q] = -c.seen[loud]
-        whole[:, np.arange(q, q + loud.size), np.arange(q, q + loud.size)] = apart[:, loud]
-        found = solved(whole, np.concatenate([y - free, modes[:, loud]], axis=1))
-        g = found[:, :q]
-        amplitudes = (modes + g @ c.seen.T) * t
-        amplitudes[:, loud] = found[:, q:]
+        h = compliance(c, s, t, w, quiet)
+        if loud.size:
+            forces, others = with_modes(h, c.seen[loud], apart[:, loud], y - free, modes[:, loud])
+            amplitudes = np.asarray((modes + forces @ c.seen.T) * t)
+            amplitudes[:, loud] = others
+            return amplitudes, (poles + forces @ c.right.T) * w, forces
+        by_compliance = g = solved(h, y - free)
+        if motions is not None:
+            g = forces_of_laws(c, g.copy(), h, t, w, pushed, poles * w, y, motions)
+        amplitudes = np.asarray((modes + g @ c.seen.T) * t)
+        of_laws = (g != by_compliance).any(axis=1)
+        loads = (modes, poles, rigid)
+        refine(c, s, (apart, t, w), loads, y, of_laws, (g, amplitudes))
         return amplitudes, (poles + g @ c.right.T) * w, g
 
     def _flexible_load(
