@@ -10,11 +10,11 @@ module viscovib_law_end
   public :: told_law_end
 
   !> Places of the way that are looked at.
-  integer, parameter :: n_places = 41
+  integer, parameter :: n_places = 41, halvings = 40
 
 contains
 
-  !> "; a force law has no value beyond x = -1", or nothing where all laws have values.
+  !> "; the law 'log(1 + x)' has no value beyond x = -1", or nothing where all laws have values.
   function told_law_end(laws, names, state, reach) result(text)
     type(law_term), intent(in) :: laws(:)
     !> Of the coordinates.
@@ -22,31 +22,55 @@ contains
     !> At the stop, (q_1, v_1, q_2, ...); how far the motion may go on (s).
     real(wp), intent(in) :: state(:), reach
     character(len=:), allocatable :: text
-    real(wp) :: q(n_places, size(names)), value(n_places)
-    integer :: b, i, k
+    real(wp) :: part(n_places), middle
+    logical :: outside(n_places)
+    integer :: b, i, j, k
 
     text = ''
-    do k = 1, n_places
-      ! From the state itself on, in equal parts.
-      q(k, :) = state(1::2) + reach*real(k - 1, wp)/real(n_places - 1, wp)*state(2::2)
-    end do
     do i = 1, size(laws)
       if (laws(i)%state > 0) cycle
-      call laws(i)%program%evaluate(matmul(q, transpose(laws(i)%arguments)) &
-                                    + spread(matmul(laws(i)%rates, state(2::2)), 1, n_places), &
-                                    value)
-      ! What has no value is a wall, exactly.
-      if (.not. any(abs(value - wall) <= 0.0_wp)) cycle
-      k = findloc(abs(value - wall) <= 0.0_wp, .true., 1)
+      ! From the state itself on, in equal parts, then in halves of one of them.
+      part = [(reach*real(k - 1, wp)/real(n_places - 1, wp), k=1, n_places)]
+      outside = beyond(laws(i), state, part)
+      if (.not. any(outside)) cycle
+      k = findloc(outside, .true., 1)
+      if (k > 1) then
+        do j = 1, halvings
+          middle = 0.5_wp*(part(k - 1) + part(k))
+          outside = beyond(laws(i), state, spread(middle, 1, n_places))
+          part(merge(k, k - 1, outside(1))) = middle
+        end do
+      end if
       do b = 1, size(names)
         if (.not. any(abs(laws(i)%arguments(:, b)) > 0.0_wp)) cycle
         if (len(text) > 0) text = text//','
-        text = text//' '//trim(names(b))//' = '//show(six_digits(q(k, b)))
+        text = text//' '//trim(names(b))//' = ' &
+               //show(six_digits(state(2*b - 1) + part(k)*state(2*b)))
       end do
-      text = '; a force law has no value beyond'//text
+      if (allocated(laws(i)%text)) then
+        text = "; the law '"//laws(i)%text//"' has no value beyond"//text
+      else
+        text = '; a force law has no value beyond'//text
+      end if
       return
     end do
   end function told_law_end
+
+  !> Where on a way a law has no value.
+  pure function beyond(law, state, part)
+    type(law_term), intent(in) :: law
+    real(wp), intent(in) :: state(:), part(:)
+    logical :: beyond(size(part))
+    real(wp) :: q(size(part), size(state)/2), value(size(part))
+    integer :: k
+    do k = 1, size(part)
+      q(k, :) = state(1::2) + part(k)*state(2::2)
+    end do
+    call law%program%evaluate(matmul(q, transpose(law%arguments)) &
+                              + spread(matmul(law%rates, state(2::2)), 1, size(part)), value)
+    ! What has no value is a wall, exactly.
+    beyond = abs(value - wall) <= 0.0_wp
+  end function beyond
 
   !> As near as the place is known.
   pure real(wp) function six_digits(x)

@@ -17,7 +17,7 @@ module viscovib_motion_job
   use viscovib_polar, only: argument, modulus
   use viscovib_polynomial_job, only: plan_polynomial, run_polynomial_job
   use viscovib_polynomial_motion, only: new_polynomial_motion, polynomial_motion_type
-  use viscovib_simulate, only: run_completed, run_diverged, run_event, run_names
+  use viscovib_simulate, only: run_coarse, run_completed, run_diverged, run_event, run_names
   use viscovib_status, only: set_ok, show, status_type, things
   use viscovib_structure_job, only: plan_structure, run_structure_job
   use viscovib_subject, only: subject_type
@@ -134,7 +134,7 @@ contains
     report%complete = any(trajectory%outcome == [run_completed, run_event]) .and. kept >= 2
     report%summary = trim(run_names(trajectory%outcome))//' at t = '//show(trajectory%t_reached) &
                      //', '//things(size(trajectory%t), 'state')
-    if (trajectory%outcome == run_diverged .and. allocated(trajectory%last)) then
+    if (any(trajectory%outcome == [run_diverged, run_coarse])) then
       report%summary = report%summary//law_end(self, subject, trajectory)
     end if
     if (trajectory%error >= 0.0_wp) report%summary = report%summary//', estimated error ' &
@@ -149,14 +149,42 @@ contains
     type(subject_type), intent(in) :: subject
     type(trajectory_type), intent(in) :: trajectory
     character(len=:), allocatable :: text
-    !> Part of a step that the stop is located within.
+    !> Part of a step that the stop is located within, where it is.
     real(wp), parameter :: located = 1.0e-6_wp
+    real(wp), allocatable :: state(:)
+    real(wp) :: further
+    integer :: i, m, n
 
     text = ''
-    if (subject%is_pendulum .or. .not. allocated(subject%polynomial%laws)) return
-    if (size(trajectory%last) /= size(self%motion%initial)) return
-    text = told_law_end(subject%polynomial%laws, subject%coordinates, trajectory%last, &
-                        located*trajectory%h)
+    m = size(trajectory%t)
+    if (subject%is_pendulum .or. subject%is_turning) return
+    if (allocated(trajectory%last)) then
+      state = trajectory%last
+      further = located*trajectory%h
+    else if (m > 0) then
+      ! The last state kept is steps before the stop.
+      state = trajectory%states(:, m)
+      further = 2.0_wp*(trajectory%t_reached - trajectory%t(m)) + trajectory%h
+    else
+      return
+    end if
+    n = size(self%motion%initial)
+    if (subject%is_structure) then
+      if (.not. allocated(trajectory%places)) return
+      do i = 1, size(subject%model%elements)
+        associate (element => subject%model%elements(i), places => trajectory%places)
+          ! What an element reads must be kept.
+          if (abs(sum(abs(element%direction)) - sum(abs(element%direction(places)))) > 0.0_wp) cycle
+          text = told_law_end(element%laws, ['d'], [dot_product(element%direction(places), &
+                                                                state(1::2)), &
+                                                    dot_product(element%direction(places), &
+                                                                state(2::2))], further)
+          if (text /= '') return
+        end associate
+      end do
+    else if (allocated(subject%polynomial%laws) .and. size(state) == n) then
+      text = told_law_end(subject%polynomial%laws, subject%coordinates, state, further)
+    end if
   end function law_end
 
   !> Integrate.

@@ -442,6 +442,7 @@ contains
         return
       end if
       law%kernel = element%kernel
+      law%text = text
       call about_rest(law, slopes, defined)
       law%arguments = reshape([1.0_wp, 0.0_wp], [2, 1])
       law%rates = reshape([0.0_wp, 1.0_wp], [2, 1])

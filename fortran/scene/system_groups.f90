@@ -233,6 +233,7 @@ contains
       return
     end if
     law%kernel = kernel
+    law%text = text
     law%equations = [on]
     law%weights = [1.0_wp]
     law%variables = [0]

@@ -22,6 +22,8 @@ module viscovib_law_term
     !> What has a state of its own (0: nothing, 1: a Jenkins element, whose program holds its
     !! stiffness and limit), and is thus known over whole cycles only.
     integer :: state = 0
+    !> As it was written; not allocated where that is not known.
+    character(len=:), allocatable :: text
     !> Shape (n_targets), and the hereditary variables of these equations.
     integer, allocatable :: equations(:), variables(:)
     real(wp), allocatable :: weights(:)

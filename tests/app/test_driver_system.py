@@ -152,5 +152,39 @@ def test_a_law_that_ends_is_told_with_its_place(solve, tmp_path):
     done = solve(scene, "--out", tmp_path)
     assert done.returncode == 1
     assert "diverged at t = 2.11776" in done.stdout
-    assert "; a force law has no value beyond x = -1\n" in done.stdout
+    assert "; the law '0.3*log(1 + x)' has no value beyond x = -1\n" in done.stdout
     assert "still" not in done.stdout
+
+
+@pytest.mark.parametrize("kernel", ["", "&kernel kind='prony', weights=0.1, rates=0.5 /\n"])
+@pytest.mark.parametrize("edge", [0.7, 1.25])
+@pytest.mark.parametrize("structure", [False, True])
+def test_laws_of_structures_and_of_what_remembers_are_told_too(
+    solve, tmp_path, structure, kernel, edge
+):
+    """The text as it is written, and the place, though no state is kept there."""
+    behind = 1 if kernel else 0
+    law = f"0.3*sqrt({edge} + {{}}) - 0.3*sqrt({edge})"
+    system = (
+        f"&system coordinates='still' 'x', mass=1 1, stiffness=1 0 0 1 /\n"
+        f"&force on='x', law='{law.format('x')}', kernel={behind} /\n"
+    )
+    if structure:
+        (tmp_path / "m.mtx").write_text(
+            "%%MatrixMarket matrix coordinate real symmetric\n2 2 2\n1 1 1\n2 2 1\n"
+        )
+        system = (
+            "&structure mass='m.mtx', stiffness='m.mtx', coordinates='still' 'x' /\n"
+            f"&element on='x', law='{law.format('D')}', kernel={behind} /\n"
+        )
+    scene = tmp_path / "ends.nml"
+    scene.write_text(
+        system + kernel + "&transient initial=0 0 1.5 0, t_end=20, dt=0.05, save_every=3 /\n"
+    )
+    done = solve(scene, "--out", tmp_path)
+    assert done.returncode == 1, done.stderr
+    name = "d" if structure else "x"
+    told = f"; the law '{law.format('D' if structure else 'x')}' has no value beyond {name} = "
+    assert told in done.stdout
+    place = float(done.stdout.split(told)[1].split()[0])
+    assert place == pytest.approx(-edge, abs=1e-5)
