@@ -1,4 +1,4 @@
-!> Gauss-Legendre rules on [0, 1] of 16 and 32 nodes, wanted so often and by so short
+!> Gauss-Legendre rules on [0, 1] of 8, 16 and 32 nodes, wanted so often and by so short
 !! runs that finding them (`gauss_nodes`) would be most of the work. Computed with 40
 !! digits by Newton's method; the lower half, the rule being symmetric.
 module viscovib_gauss_points
@@ -8,6 +8,12 @@ module viscovib_gauss_points
 
   integer :: k
 
+  real(wp), parameter :: low_8(4) = [ &
+    0.019855071751231884158_wp, 0.10166676129318663020_wp, 0.23723379504183550709_wp, &
+    0.40828267875217509753_wp]
+  real(wp), parameter :: half_8(4) = [ &
+    0.050614268145188129576_wp, 0.11119051722668723527_wp, 0.15685332293894364367_wp, &
+    0.18134189168918099148_wp]
   real(wp), parameter :: low_16(8) = [ &
     0.0052995325041750337019_wp, 0.027712488463383711961_wp, 0.067184398806084128060_wp, &
     0.12229779582249848305_wp, 0.19106187779867812578_wp, 0.27099161117138630683_wp, &
@@ -31,6 +37,8 @@ module viscovib_gauss_points
     0.045586939347881942356_wp, 0.046922199540402282820_wp, 0.047819360039637429710_wp, &
     0.048270044257363900283_wp]
 
+  real(wp), parameter, public :: points_8(8) = [low_8, (1.0_wp - low_8(5 - k), k=1, 4)]
+  real(wp), parameter, public :: weights_8(8) = [half_8, half_8(4:1:-1)]
   real(wp), parameter, public :: points_16(16) = [low_16, (1.0_wp - low_16(9 - k), k=1, 8)]
   real(wp), parameter, public :: weights_16(16) = [half_16, half_16(8:1:-1)]
   real(wp), parameter, public :: points_32(32) = [low_32, (1.0_wp - low_32(17 - k), k=1, 16)]

@@ -5,6 +5,7 @@
 !! are written in shifted Legendre polynomials P_k, orthogonal under the nodes,
 !! which keeps every digit.
 module viscovib_gauss_table
+  use viscovib_gauss_points, only: points_16, points_8, weights_16, weights_8
   use viscovib_kinds, only: wp
   use viscovib_lanes, only: n_lanes
   use viscovib_quadrature, only: gauss_nodes, legendre
@@ -40,7 +41,16 @@ contains
     real(wp) :: p(0:s + 1, s), beyond(0:s + 1, s), start(0:s + 1), integrals(s, 0:s - 1)
     integer :: i, j, k
 
-    call gauss_nodes(s, c, b)
+    select case (s)
+    case (8)
+      c = points_8
+      b = weights_8
+    case (16)
+      c = points_16
+      b = weights_16
+    case default
+      call gauss_nodes(s, c, b)
+    end select
     start = legendre(s + 1, 0.0_wp)
     do i = 1, s
       p(:, i) = legendre(s + 1, c(i))

@@ -11,7 +11,7 @@ module test_hereditary
   use viscovib_kinds, only: i8, wp
   use viscovib_mount, only: geometry_cubic, geometry_exact, mount_parameters, mount_type, new_mount
   use viscovib_prony, only: new_prony, prony_kernel
-  use viscovib_gauss_points, only: points_16, points_32, weights_16, weights_32
+  use viscovib_gauss_points, only: points_16, points_32, points_8, weights_16, weights_32, weights_8
   use viscovib_quadrature, only: gauss_nodes, gauss_power_nodes, nodes_of_recurrence, recurrence_of
   use viscovib_rabotnov, only: new_rabotnov, rabotnov_kernel
   use viscovib_rzhanitsyn, only: new_rzhanitsyn, rzhanitsyn_kernel
@@ -61,6 +61,9 @@ contains
     call gauss_nodes(16, x(:16), w(:16))
     call check(maxval(abs(x(:16) - points_16)) < 4.0e-16_wp, '16 nodes')
     call check(maxval(abs(w(:16) - weights_16)) < 1.0e-15_wp, '16 weights')
+    call gauss_nodes(8, x(:8), w(:8))
+    call check(maxval(abs(x(:8) - points_8)) < 4.0e-16_wp, '8 nodes')
+    call check(maxval(abs(w(:8) - weights_8)) < 1.0e-15_wp, '8 weights')
   end subroutine tabulated_rules
 
   !> The rule has the moments of the masses up to degree 2n-1.
