@@ -294,8 +294,8 @@ contains
     x(:, 1) = other
   end subroutine transcend
 
-  !> Whether angles are far inside the range of those that lanes take; else they are looked at one by
-  !! one. A sum, since a maximum would keep the loop scalar.
+  !> Whether angles are far inside the range of those that lanes take; else they are looked at one
+  !! by one. A sum, since a maximum would keep the loop scalar.
   pure logical function all_small(x)
     real(wp), intent(in) :: x(n_lanes)
     real(wp) :: sizes(n_lanes)
