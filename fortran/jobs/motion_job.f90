@@ -137,11 +137,25 @@ contains
     if (any(trajectory%outcome == [run_diverged, run_coarse])) then
       report%summary = report%summary//law_end(self, subject, trajectory)
     end if
+    if (allocated(self%events)) report%summary = report%summary//undefined_events(self, trajectory)
     if (trajectory%error >= 0.0_wp) report%summary = report%summary//', estimated error ' &
                                                      //show(trajectory%error)
     if (kept < 2) report%summary = report%summary//'; no spectrum: ' &
                                    //things(kept, 'state')//' from discard on, must be at least 2'
   end subroutine run
+
+  !> Which events could not be found, for their functions have no value anywhere on the way.
+  function undefined_events(self, trajectory) result(text)
+    class(motion_job), intent(in) :: self
+    type(trajectory_type), intent(in) :: trajectory
+    character(len=:), allocatable :: text
+    integer :: i
+    text = ''
+    do i = 1, size(self%events)
+      if (trajectory%watch%sides(i) /= 0 .or. trajectory%n_steps == 0) cycle
+      text = text//'; event '//show(i)//' ('//self%events(i)%text//') has no value on the way'
+    end do
+  end function undefined_events
 
   !> Which place a law ends at, if that is why a motion stopped.
   function law_end(self, subject, trajectory) result(text)

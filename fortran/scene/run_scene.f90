@@ -38,8 +38,16 @@ contains
       return
     end if
     call scene%job%plan(scene%subject, text, status)
-    if (status%failed()) status%message = scene%path//': '//status%message
+    if (status%failed()) status%message = place(scene, status%subject)//status%message
   end subroutine plan_scene
+
+  !> "path:line: ", the line of a key of what is wanted, or of its group.
+  function place(scene, key)
+    type(scene_type), intent(in) :: scene
+    character(len=*), intent(in) :: key
+    character(len=:), allocatable :: place
+    place = scene%path//':'//show(scene%asked%line_of(key))//': '
+  end function place
 
   !> Compute what is wanted and write its tables into a folder.
   subroutine run_scene(scene, folder, version, report, status)
@@ -59,7 +67,7 @@ contains
     call scene%job%run(scene%subject, sink, report%job_report, status)
     report%path = folder//'/'//sink%stem//'_'//scene%job%kind()//'.csv'
     if (status%failed() .and. status%category == status_input_error) then
-      status%message = scene%path//': '//status%message
+      status%message = place(scene, status%subject)//status%message
     end if
   end subroutine run_scene
 

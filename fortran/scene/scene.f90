@@ -12,9 +12,9 @@ module viscovib_scene
   use viscovib_method_catalogue, only: transient_methods
   use viscovib_mount, only: mount_parameters
   use viscovib_mount_groups, only: read_mount
-  use viscovib_namelist, only: namelist_type, read_namelist
+  use viscovib_namelist, only: group_type, namelist_type, read_namelist
   use viscovib_pendulum_groups, only: read_pendulum
-  use viscovib_scene_groups, only: check_groups, place_of
+  use viscovib_scene_groups, only: check_groups, find_result, place_of
   use viscovib_scene_results, only: read_result
   use viscovib_status, only: fail, show, status_input_error, status_type
   use viscovib_stiffness_ratio, only: hidden_springs
@@ -35,6 +35,8 @@ module viscovib_scene
     class(job_type), allocatable :: job
     !> Line of the first &sweep, 0 without: one point is computed, or a grid of them.
     integer :: sweep_line = 0
+    !> The group of what is wanted, whose lines failures of the work are told with.
+    type(group_type) :: asked
     !> The scene as it was understood, every default written out; reads back
     !! to the same numbers.
     character(len=:), allocatable :: canonical
@@ -63,6 +65,7 @@ contains
     if (.not. status%failed()) call read_parameters(file, unused, canonical, status)
     if (.not. status%failed()) call read_subject(file, scene%subject, canonical, status)
     if (.not. status%failed()) then
+      scene%asked = file%groups(find_result(file))
       call read_result(file, scene%subject, scene%job, canonical, status)
     end if
     if (.not. status%failed()) call read_sweeps(file, scene, canonical, status)

@@ -6,6 +6,7 @@
 module viscovib_event_search
   use viscovib_kinds, only: wp
   use viscovib_law_branches, only: watched_function
+  use viscovib_law_functions, only: wall
   use viscovib_step_path, only: step_path
   implicit none
   private
@@ -152,6 +153,7 @@ contains
     integer, intent(in) :: side
     real(wp), intent(in) :: from, to
     real(wp) :: low, high, ends(2), g(1), width
+    logical :: edge
     integer :: i, last
 
     low = from
@@ -161,7 +163,10 @@ contains
     last = 0
     width = high - low
     do i = 1, 100
-      if (mod(i, 4) == 0 .and. high - low > 0.25_wp*width .or. ends(1) - ends(2) <= 0.0_wp) then
+      ! Where there is no value on one side, secants say nothing.
+      edge = maxval(abs(ends)) >= wall
+      if (edge .or. mod(i, 4) == 0 .and. high - low > 0.25_wp*width &
+          .or. ends(1) - ends(2) <= 0.0_wp) then
         x = 0.5_wp*(low + high)
         width = high - low
       else
@@ -174,13 +179,13 @@ contains
       if (g(1) < 0.0_wp) then
         high = x
         ends(2) = g(1)
-        if (last == 2) ends(1) = 0.5_wp*ends(1)
+        if (last == 2 .and. .not. edge) ends(1) = 0.5_wp*ends(1)
         last = 2
       else
-        if (x <= low .and. i > 1 .and. last == 1) exit
+        if (x <= low .and. i > 1 .and. last == 1 .and. .not. edge) exit
         low = x
         ends(1) = g(1)
-        if (last == 1) ends(2) = 0.5_wp*ends(2)
+        if (last == 1 .and. .not. edge) ends(2) = 0.5_wp*ends(2)
         last = 1
         if (.not. g(1) > 0.0_wp) exit
       end if

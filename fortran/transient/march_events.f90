@@ -11,6 +11,7 @@ module viscovib_march_events
   use viscovib_base_motion, only: base_motion_type
   use viscovib_event_search, only: signal_along
   use viscovib_kinds, only: wp
+  use viscovib_law_functions, only: wall
   use viscovib_march, only: march_type
   use viscovib_quadrature, only: gauss_nodes, legendre
   use viscovib_simulate, only: run_event
@@ -231,7 +232,9 @@ contains
     follows = .true.
     do k = 1, size(watch%signals)
       call watch%signals(k)%at(path%start + path%h*path%points, path%q, path%v, g)
-      largest(k) = max(largest(k), maxval(abs(g)))
+      ! Of a function without a value there is nothing to tell.
+      if (all(abs(g) >= wall)) cycle
+      largest(k) = max(largest(k), maxval(abs(g), abs(g) < wall))
       rest = sum(abs(matmul(g(2:n_nodes + 1), watch%last)))
       if (rest <= resolved*largest(k)) cycle
       if (watch%sides(k) == 0 .or. .not. minval(watch%sides(k)*g) > clear*rest) follows = .false.

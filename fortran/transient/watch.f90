@@ -1,9 +1,9 @@
 !> Events that a run is asked for: passages of functions of the state through 0.
 module viscovib_watch
-  use viscovib_event_search, only: first_passage
+  use viscovib_event_search, only: first_passage, signal_along
   use viscovib_kinds, only: wp
   use viscovib_law_branches, only: signal_type
-  use viscovib_law_functions, only: put_argument
+  use viscovib_law_functions, only: bounded, put_argument, wall
   use viscovib_step_path, only: step_path
   implicit none
   private
@@ -14,6 +14,8 @@ module viscovib_watch
   real(wp), parameter :: on_surface = 1.0e-13_wp
   !> Part of its largest value so far within which a signal of a motion that sticks counts as 0.
   real(wp), parameter :: at_rest = 1.0e-11_wp
+  !> How far beside a place, in parts of a step, a signal must have values if it passes 0 there.
+  real(wp), parameter :: beside = 1.0e-9_wp
   !> Passages of one signal that are looked for in a step.
   integer, parameter :: most_in_step = 200
 
@@ -34,7 +36,7 @@ module viscovib_watch
     !> Passages that count: upwards 1, downwards -1, 0 both; whether the run ends there.
     integer, allocatable :: direction(:)
     logical, allocatable :: terminal(:)
-    !> On which side of 0 each signal was last, 0: not known yet; and its largest value so far.
+    !> On which side of 0 each signal was last, 0: it had no value yet; and its largest value so far.
     integer, allocatable :: sides(:)
     real(wp), allocatable :: largest(:)
     !> What was found: signal and time, and states, shapes (n) and (2 n_dof, n).
@@ -170,7 +172,8 @@ contains
     allocate (found(0))
     do i = 1, size(self%signals)
       call self%signals(i)%at(path%start + path%h*path%points, path%q, path%v, g)
-      self%largest(i) = max(self%largest(i), maxval(abs(g)))
+      if (all(abs(g) >= wall)) cycle
+      self%largest(i) = max(self%largest(i), maxval(abs(g), abs(g) < wall))
       if (sticks .and. maxval(abs(g)) <= at_rest*self%largest(i)) cycle
       if (self%sides(i) == 0) self%sides(i) = first_side(self%signals(i), path)
       place = 0.0_wp
@@ -180,7 +183,7 @@ contains
         if (.not. passes .or. (k > 1 .and. place <= before)) exit
         if (sticks .and. comes_to_rest(place)) exit
         self%sides(i) = -self%sides(i)
-        if (self%direction(i)*self%sides(i) < 0) cycle
+        if (self%direction(i)*self%sides(i) < 0 .or. is_edge(place)) cycle
         next%which = i
         next%side = -self%sides(i)
         next%place = place
@@ -201,6 +204,16 @@ contains
       real(wp), intent(in) :: from
       comes_to_rest = all(abs(g) <= at_rest*self%largest(i) .or. path%points < from)
     end function comes_to_rest
+
+    !> Whether a signal has no value on one side of a place, which is no passage then.
+    logical function is_edge(at)
+      real(wp), intent(in) :: at
+      real(wp) :: sides(2)
+      is_edge = .false.
+      if (.not. any(bounded(self%signals(i)%program%code))) return
+      call signal_along(self%signals(i), path, [at - beside, at + beside], sides)
+      is_edge = any(abs(sides) >= wall)
+    end function is_edge
 
   end subroutine look
 

@@ -110,3 +110,16 @@ def test_what_is_wrong_is_named(solve, tmp_path, changes, text):
     assert text in done.stderr
     assert "many.nml:" in done.stderr
     assert len(done.stderr.strip().splitlines()) == 1
+
+
+@pytest.mark.parametrize(("line", "group"), [(3, "t_end=10\ndt=1e-12 /"), (2, "t_end=1e12 /")])
+def test_what_cannot_be_computed_is_told_with_its_line(solve, tmp_path, line, group):
+    scene = tmp_path / "long.nml"
+    scene.write_text(
+        "&system coordinates='x', mass=1, stiffness=-1 / &force on='x' law='x^3' / "
+        "&load on='x' amplitude=1 /\n"
+        f"&ensemble vary='load_scale' from=0.2 to=0.3 count=2 nu=1.2 initial=0.1 0.2 {group}\n"
+    )
+    done = solve(scene, "--out", tmp_path)
+    assert done.returncode == 2
+    assert f"long.nml:{line}: " in done.stderr, done.stderr

@@ -135,3 +135,15 @@ def test_what_is_refused(solve, tmp_path, old, new, text):
     folder = tmp_path / "out"
     folder.mkdir()
     check_failure(solve(scene, "--out", folder), 2, text, folder)
+
+
+def test_a_function_without_any_value_is_told(solve, tmp_path):
+    scene = tmp_path / "undefined.nml"
+    scene.write_text(
+        "&system coordinates='x', mass=1, stiffness=1 /\n&event function='x' /\n"
+        "&event function='log(x - 2)' /\n&transient initial=1 0, t_end=5, dt=0.1 /\n"
+    )
+    done = solve(scene, "--out", tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert "; event 2 (log(x - 2), any) has no value on the way" in done.stdout
+    assert "event 1" not in done.stdout

@@ -1,5 +1,6 @@
 """Events and dense output of motions in time, against SciPy's and exact motions."""
 
+import math
 import time
 
 import numpy as np
@@ -294,3 +295,36 @@ def test_looking_for_events_costs_little():
         took = time.process_time() - begun
         spent[events is None] = min(spent.get(events is None, took), took)
     assert spent[False] < 8 * spent[True]
+
+
+@pytest.mark.parametrize("structure", [False, True])
+def test_edges_of_functions_are_no_passages(structure):
+    """Where an event's function ceases to have a value it has not passed 0."""
+    if structure:
+        system = vv.Structure(mass=[1], stiffness=[[1]], names=["x"])
+    else:
+        system = vv.PolynomialSystem(mass=1, stiffness=1)
+    rng = np.random.default_rng(8)
+    for _ in range(6):
+        # x = cos(t) has values down to -a, and is c there where the function is 0.
+        a, c = float(rng.uniform(-0.5, 0.5)), float(rng.uniform(0.6, 0.9))
+        for function in (
+            f"sqrt(x + ({a})) - sqrt({c} + ({a}))",
+            f"log((x + ({a}))/({c} + ({a})))",
+            f"sqrt({c} + ({a})) - sqrt(x + ({a}))",
+            f"asin(x + ({a}) - 1) - asin({c} + ({a}) - 1)",
+        ):
+            run = vv.simulate(system, 12, initial=[1, 0], dt=0.1, events=function)
+            first = math.acos(c)
+            true = [first, 2 * math.pi - first, 2 * math.pi + first, 4 * math.pi - first]
+            assert run.events[0].t == pytest.approx([t for t in true if t < 12], abs=1e-8)
+
+
+def test_a_function_without_any_value_is_told(recwarn):
+    system = vv.PolynomialSystem(mass=1, stiffness=1)
+    run = vv.simulate(system, 5, initial=[1, 0], events=["log(x - 2)", "x"])
+    assert run.events[0].t.size == 0
+    assert run.events[1].t.size == 2
+    told = [str(one.message) for one in recwarn]
+    assert len(told) == 1
+    assert "events[0] = 'log(x - 2)': has no value anywhere along the run" in told[0]

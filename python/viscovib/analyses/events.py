@@ -116,6 +116,11 @@ class Watch:
         other.sides = self.sides.copy()
         return other
 
+    @property
+    def undefined(self) -> list[int]:
+        """Places of those that had no value at any state of the run."""
+        return np.flatnonzero(self.sides[: len(self.events)] == 0).tolist()
+
     def take(self, found: FloatArray, count: int) -> None:
         """Remember what a native call has found."""
         if count > found.shape[1] or sum(map(len, self.found)) + count > _MOST:

@@ -35,7 +35,7 @@ from viscovib.analyses.structure_motion import (
 from viscovib.analyses.whole_structure import goes_whole, whole_runs
 from viscovib.common.mesh import Mesh
 from viscovib.common.past import Past
-from viscovib.errors import ConvergenceWarning, InputError, caller
+from viscovib.errors import ConvergenceWarning, InputError, RangeWarning, caller
 from viscovib.results.trajectory import Trajectory
 from viscovib.systems.load import LoadLike
 from viscovib.systems.load_table import LoadTable
@@ -218,7 +218,7 @@ def simulate(
             raise InputError(
                 "events: taken from the run that is resumed, must not be given with resume"
             )
-        return go_on(resume, end, want, progress, other, estimated)
+        return _heard(go_on(resume, end, want, progress, other, estimated))
     if end <= 0:
         raise InputError(f"t_end = {end:g}: must be greater than 0")
     breaks = breaks_of(force, base, len(system.dof_names))
@@ -242,14 +242,29 @@ def simulate(
         n = want.every * math.ceil(n / want.every)
         inside = steps.make(end / n).inside
         try:
-            return by_tolerance(steps.of(n), n, accuracy, dense=free, inside=inside)
+            return _heard(by_tolerance(steps.of(n), n, accuracy, dense=free, inside=inside))
         except NotMetError:
             if steps.at_first == 1:
                 raise
         # A motion with memory that is unstable enlarges what is left in equations and kernels.
         steps, _ = prepared(_SHARPER)
-        return by_tolerance(steps.of(n), n, accuracy, dense=free, inside=inside)
-    return _with_step(steps, end, _native.number("dt", dt), estimated)
+        return _heard(by_tolerance(steps.of(n), n, accuracy, dense=free, inside=inside))
+    return _heard(_with_step(steps, end, _native.number("dt", dt), estimated))
+
+
+def _heard(run: Trajectory) -> Trajectory:
+    """Warn of events that could not be found, for their functions have no value."""
+    watch = None if run._resume is None else run._resume.watch
+    if watch is None or not run.stats["steps"]:
+        return run
+    for i in watch.undefined:
+        warnings.warn(
+            f"events[{i}] = {watch.events[i].function!r}: has no value anywhere along the run, so "
+            "nothing was found",
+            RangeWarning,
+            stacklevel=caller(),
+        )
+    return run
 
 
 def kept_by(run: Run) -> tuple[str, ...]:
