@@ -436,3 +436,29 @@ def test_terms_of_a_fit_do_not_depend_on_the_unit_of_time(second):
         fit = vv.fit_kernel(data, kind="prony")
         transforms.append(fit.kernel.transform(nu * unit))
     np.testing.assert_allclose(transforms[1], transforms[0], atol=1e-10)
+
+
+NOISES = ("of each part", "of the modulus")
+
+
+@pytest.mark.filterwarnings("ignore::viscovib.ConvergenceWarning")
+@pytest.mark.parametrize("noise", NOISES)
+def test_intervals_hold_the_truth_as_often_as_they_say(noise):
+    """Scatter of storage and loss need not be alike; one variance for both held 72 % of truths."""
+    rng, inside = np.random.default_rng(8), []
+    for _ in range(80):
+        beta = 10 ** rng.uniform(-0.3, 0.9)
+        kernel = vv.RabotnovKernel(
+            amplitude=rng.uniform(0.4, 0.8) * beta, alpha=rng.uniform(0.4, 0.7), beta=beta
+        )
+        nu = np.geomspace(1e-3, 1e3, int(rng.choice([10, 20, 40])))
+        k, scatter = 2e6 * (1 - kernel.transform(nu)), 0.01 * rng.standard_normal((2, nu.size))
+        size = np.array([k.real, k.imag] if noise == NOISES[0] else [abs(k), abs(k)])
+        storage, loss = np.array([k.real, k.imag]) + size * scatter
+        if loss.min() <= 0:
+            continue
+        fit = vv.fit_kernel(vv.ModulusData(frequencies=nu, storage=storage, loss=loss))
+        for name, true in truth(kernel).items():
+            low, high = fit.interval[name]
+            inside.append(low <= true <= high)
+    assert 0.92 < np.mean(inside) < 0.99, np.mean(inside)

@@ -22,7 +22,7 @@ from viscovib.errors import InputError
 from viscovib.kernels.relaxation import Kernel
 from viscovib.rubber.data import ModulusData
 from viscovib.rubber.kernel_fit import fit_kernel
-from viscovib.rubber.measured import Measured, descend
+from viscovib.rubber.measured import Measured, covariance, descend
 from viscovib.rubber.models import PARTS, Model, start_shapes
 
 _ELEMENTS, _DEGREE, _ODD = Whole("elements", 1, 6), Whole("degree", 1, 9), Flag("odd")
@@ -275,9 +275,7 @@ def _amplitude_result(
     k = theta[model.size : model.size + count][order]
     s = theta[model.size + count :][order]
     free = max(left.size - theta.size, 1)
-    errors = np.sqrt(
-        np.maximum(np.diag(np.linalg.pinv(slopes.T @ slopes)), 0) * float(left @ left) / free
-    )
+    errors = np.sqrt(np.maximum(np.diag(covariance(slopes, left)), 0))
     reach = float(stdtrit(free, 0.975))
     interval = {}
     for name, values, spread in (

@@ -10,6 +10,10 @@ from viscovib.errors import InputError
 from viscovib.rubber.data import CreepData, ModulusData, RelaxationData
 from viscovib.rubber.models import Model
 
+#: Part of the largest singular value below which data do not feel a direction; what a row leaves
+#: to the others at least.
+LEAST_FELT, _OWN = 1e-9, 1e-6
+
 
 @dataclass(frozen=True)
 class Measured:
@@ -86,6 +90,24 @@ class Measured:
         """What residuals are relative to, over the weights."""
         size = self.predicted(model, theta) if weights == "model" else self.target
         return np.where(self.shares > 0, self.shares / np.maximum(np.abs(size), 1e-300), 0.0)
+
+
+def covariance(slopes: FloatArray, residual: FloatArray) -> FloatArray:
+    """Covariance of unknowns by least squares, shape (k, k), whatever the scatter of each row.
+
+    P diag(r^2/(1 - h)^2) P', P the pseudo-inverse of the slopes, h the part of each row in its own
+    fit (HC3 of MacKinnon and White, J. Econometrics 29, 1985). One variance for all rows would ask
+    that weights are right: noise of a loss is often a part of the whole modulus, not of the loss.
+    Along what the data do not feel stands a large number instead of none.
+    """
+    if not slopes.size or not np.isfinite(slopes).all():
+        raise InputError("data: the fit lies where its derivatives are no numbers")
+    u, s, v = np.linalg.svd(slopes, full_matrices=False)
+    if slopes.shape[0] <= slopes.shape[1] or s[0] == 0:
+        return np.full((slopes.shape[1],) * 2, np.inf)
+    own = np.minimum((u**2).sum(axis=1), 1 - _OWN)
+    inverse = (v.T / np.maximum(s, LEAST_FELT * s[0])) @ u.T
+    return np.asarray((inverse * (residual / (1 - own)) ** 2) @ inverse.T)
 
 
 def descend(

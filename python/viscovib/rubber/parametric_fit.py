@@ -16,7 +16,7 @@ from viscovib.kernels.relaxation import Kernel
 from viscovib.kernels.time_temperature import ShiftLaw
 from viscovib.rubber.data import ModulusData
 from viscovib.rubber.fit import _COUNT, _SEED, KernelFit, Optimum, Profile, Sample
-from viscovib.rubber.measured import Measured, descend
+from viscovib.rubber.measured import LEAST_FELT, Measured, covariance, descend
 from viscovib.rubber.models import LEAST_ALPHA, Model
 
 _LEVEL = Number("level", 0.01, 0.9999)
@@ -35,8 +35,10 @@ class ParametricFit(KernelFit):
     """A fit of few parameters; see `KernelFit`.
 
     Linearised about the best parameters, over their logarithms (of alpha over its logit), which
-    keeps intervals admissible: covariance s^2 (J' J)^-1, s^2 = sum r^2/(n - k), J by the relative
-    residuals r (Seber and Wild, Nonlinear Regression, 1989, ch. 5).
+    keeps intervals admissible (Seber and Wild, Nonlinear Regression, 1989, ch. 5). The covariance
+    holds whatever the noise of each number, by the residuals themselves (HC3 of MacKinnon and
+    White, J. Econometrics 29, 1985): storage and loss need not scatter alike. Numbers must scatter
+    apart from each other; an error that all share, as of a calibration, stands in no interval.
 
     Examples
     --------
@@ -91,7 +93,9 @@ class ParametricFit(KernelFit):
     @cached_property
     def covariance(self) -> FloatArray:
         """Of the unknowns that the fit moves, shape (k, k)."""
-        return self._variance * _inverse(self._problem[2])
+        _, residual, slopes = self._problem
+        rows = self.measured.shares > 0
+        return covariance(slopes[rows], residual[rows])
 
     @cached_property
     def turned_covariance(self) -> FloatArray:
@@ -102,6 +106,15 @@ class ParametricFit(KernelFit):
     @cached_property
     def _errors(self) -> FloatArray:
         return np.sqrt(np.maximum(np.diag(self.turned_covariance), 0.0))
+
+    @cached_property
+    def _alike(self) -> FloatArray:
+        """Variances if all rows scattered alike, over those that they have."""
+        turn = self.model.turned_slopes(self.theta)
+        plain = self._variance * np.diag(turn @ _inverse(self._problem[2]) @ turn.T)
+        own = self._errors**2
+        known = np.isfinite(plain) & np.isfinite(own) & (own > 0)
+        return np.where(known, plain / np.where(known, own, 1.0), 1.0)
 
     @property
     def correlation(self) -> FloatArray:
@@ -180,7 +193,8 @@ class ParametricFit(KernelFit):
     def profile(self, name: str, *, level: float = 0.95) -> Profile:
         """Hold a parameter beside its best value and fit the others anew, until the data object.
 
-        Unlike ``interval`` this does not take the sum of squares for a parabola.
+        Unlike ``interval`` this does not take the sum of squares for a parabola. Its rise is told
+        in variances of the parameter, as ``covariance`` has them.
         """
         from scipy.special import fdtri
 
@@ -192,6 +206,7 @@ class ParametricFit(KernelFit):
         middle = float(self.model.turned(self.theta)[place])
         step = max(0.4 * min(float(self._errors[place]), 1.0), 1e-8)
         best = float(self._problem[1] @ self._problem[1])
+        share = float(self._alike[place]) / self._variance if self._variance > 0 else math.inf
         values, rises, ends = [middle], [0.0], []
         for way in (-1, 1):
             theta, at, rise = self.theta, middle, 0.0
@@ -206,7 +221,7 @@ class ParametricFit(KernelFit):
                     # At the ends of what is admissible nothing has a slope: from within, too.
                     inner = self.model.join(*self.model.split(theta))
                     theta, cost = min((theta, cost), self._held(place, at, inner), key=_second)
-                rise = max(cost - best, 0.0) / self._variance if self._variance > 0 else math.inf
+                rise = max(cost - best, 0.0) * share if self._variance > 0 else math.inf
                 values.append(at)
                 rises.append(rise)
                 if rise > bound:
@@ -302,4 +317,4 @@ def _inverse(slopes: FloatArray) -> FloatArray:
     _, s, v = np.linalg.svd(slopes, full_matrices=False)
     if s.size < slopes.shape[1] or s[0] == 0:
         return np.full((slopes.shape[1],) * 2, np.inf)
-    return np.asarray((v.T / np.maximum(s, 1e-9 * s[0]) ** 2) @ v)
+    return np.asarray((v.T / np.maximum(s, LEAST_FELT * s[0]) ** 2) @ v)

@@ -239,24 +239,26 @@ def _enriched(
 ) -> bool:
     """Add vectors until the error is small at all frequencies; whether that was reached."""
     basis = estimate.basis
-    sought = _spread(lowest, top, _SOUGHT)
+    sought, everywhere = _spread(lowest, top, _SOUGHT), _spread(lowest, top, _CHECKED)
     previous = np.inf
     for round_ in range(_ROUNDS):
         errors, vectors = estimate.at(sought)
         worst = float(errors.max())
-        if worst <= 0.5 * tolerance:
-            everywhere = _spread(lowest, top, _CHECKED)
+        stalled = worst > 0.9 * previous and round_ > 2
+        last = stalled or basis.vectors.shape[1] + vectors.shape[1] > most
+        # Between those sought an error may be larger: there is room for it, but at the last.
+        if worst <= (1.0 if last else 0.5) * tolerance:
             errors, vectors = estimate.at(everywhere)
             if errors.max() <= tolerance:
                 estimate.frequencies, estimate.errors = everywhere, errors
                 return True
             sought = np.unique(np.append(sought, everywhere[np.argmax(errors)]))
-        stalled = worst > 0.9 * previous and round_ > 2
-        if stalled or basis.vectors.shape[1] + vectors.shape[1] > most:
+            last = stalled or basis.vectors.shape[1] + vectors.shape[1] > most
+        estimate.worst = float(errors.max())
+        if last:
             break
         previous = worst
         basis.add(vectors)
-    estimate.worst = worst
     return False
 
 
