@@ -90,15 +90,27 @@ contains
     real(wp), intent(in) :: mass(:, :), damping(:, :), stiffness(:, :), places(:, :)
     type(status_type), intent(inout) :: status
     complex(wp) :: left(size(mass, 1), 2*size(mass, 1)), right(size(mass, 1), 2*size(mass, 1))
+    real(wp) :: slowest, fastest
     logical :: found
 
     allocate (rest%poles(2*size(mass, 1)))
     call find_damped_modes(mass, damping, stiffness, rest%poles, left, right, found)
-    if (found) found = all(abs(rest%poles) > rounding*maxval(abs(rest%poles)))
+    if (found) then
+      slowest = minval(abs(rest%poles))
+      fastest = maxval(abs(rest%poles))
+      if (slowest <= rounding*fastest) then
+        ! Rigid bodies and springs that rounding hides look alike here.
+        call fail(status, status_input_error, 'damping', 'damping: couples the modes, whose ' &
+                  //'slowest has a rate of '//show(slowest)//' 1/s beside '//show(fastest) &
+                  //' 1/s: a rigid body, or so soft that rounding hides it; the ratio must be ' &
+                  //'above '//show(rounding)//', or the damping leave the modes uncoupled')
+        return
+      end if
+    end if
     if (.not. found) then
-      call fail(status, status_input_error, 'damping', 'damping: couples modes that coincide or ' &
-                //'are rigid bodies, whose sum this program does not find: must leave the modes ' &
-                //'uncoupled, or see Structure of Python')
+      call fail(status, status_input_error, 'damping', 'damping: couples modes that coincide, ' &
+                //'as rigid bodies do, or of so different stiffness that rounding makes them so; this program does ' &
+                //'not find their sum: must leave the modes uncoupled, or see Structure of Python')
       return
     end if
     rest%hidden = hidden_poles(rest%poles, left, right, stiffness)

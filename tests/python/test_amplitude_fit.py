@@ -1,5 +1,7 @@
 """Jenkins elements beside a kernel, and static curves."""
 
+import warnings
+
 import numpy as np
 import pytest
 import viscovib as vv
@@ -73,6 +75,46 @@ def test_intervals_hold_the_truth():
             low, high = fit.interval[name]
             inside += low <= true <= high
     assert 51 <= inside <= 60
+
+
+@pytest.mark.parametrize(
+    ("elements", "loose"),
+    [
+        ([(1e5, 3.6e-4), (1e5, 8e-4)], 2),
+        ([(1e5, 3.6e-4), (1e5, 2e-2)], 1),
+        ([(1e5, 2e-4), (5e4, 8e-4)], 0),
+    ],
+)
+def test_elements_that_amplitudes_do_not_tell_are_told(elements, loose):
+    """Their intervals missed the truth in every second case."""
+    data = stiffness(KERNELS["rabotnov"], elements, 0.003, 1)
+    with warnings.catch_warnings(record=True) as told:
+        warnings.simplefilter("always")
+        fit = vv.fit_amplitude(data, elements=2)
+    assert len(fit.unconstrained) == 2 * loose
+    assert bool(told) == bool(loose)
+    assert all(fit.interval[name] == (0, np.inf) for name in fit.unconstrained)
+    if loose == 1:
+        # A spring that never slips is one with the modulus: no element stands for it.
+        return
+    for i, pair in enumerate(elements):
+        for name, true in zip(("stiffness", "slip"), pair, strict=True):
+            low, high = fit.interval[f"{name}_{i + 1}"]
+            assert low <= true <= high
+
+
+@pytest.mark.parametrize(
+    ("t", "d", "message"),
+    [
+        ([30, 40, 50], [3, 2, 1], r"decades\[1\] = 2 at 40 deg C: must be below 0 above the ref"),
+        ([0, 20, 40], [-1, 0, 1], r"do not fall with temperature \(-1 at 0 deg C, 1 at 40\)"),
+        ([20, 20, 20], [0, 0, 0], "temperatures: are all the reference, 20 deg C"),
+    ],
+)
+@pytest.mark.parametrize("law", ["wlf", "arrhenius"])
+def test_a_refused_shift_law_says_what_is_wrong(t, d, message, law):
+    with pytest.raises(vv.InputError, match=message):
+        vv.fit_shift_law(t, d, law=law, reference=20)
 
 
 def test_static_curves():

@@ -8,6 +8,7 @@ not know the amplitude, a Jenkins element's not the frequency.
 """
 
 import math
+import warnings
 from dataclasses import dataclass
 from itertools import combinations, islice
 
@@ -18,7 +19,7 @@ from viscovib import _native
 from viscovib._native import ComplexArray, FloatArray
 from viscovib.common.parameters import Flag, Whole
 from viscovib.common.values import Value
-from viscovib.errors import InputError
+from viscovib.errors import ConvergenceWarning, InputError
 from viscovib.kernels.relaxation import Kernel
 from viscovib.rubber.data import ModulusData
 from viscovib.rubber.kernel_fit import fit_kernel
@@ -36,6 +37,8 @@ _STARTS, _POLISHED = 16, 12
 _ALPHAS, _TIMES, _BEST = (0.08, 0.2, 0.35, 0.5, 0.65, 0.8, 0.93), 12, 3
 #: What a part is at least of the largest stiffness, to be a start.
 _LEAST = 1e-6
+#: A slip that lies so near to an amplitude (logarithm) does not lie on a side of it.
+_BESIDE = 0.02
 #: Squares of relative residuals that are rounding.
 _EXACT = 1e-28
 
@@ -92,7 +95,11 @@ class AmplitudeFit(Value):
     residual : (float, float)
         Relative rms residuals of K' and K''.
     interval : dict
-        95 % intervals, linearised over logarithms: "stiffness_1", "slip_1", ...
+        95 % intervals, linearised over logarithms: "stiffness_1", "slip_1", ...; 0 to inf of what
+        is not constrained.
+    unconstrained : tuple of str
+        Names of what the amplitudes do not tell: elements that slip below the smallest or above the
+        largest one, and two without an amplitude between their slips.
 
     Examples
     --------
@@ -107,6 +114,7 @@ class AmplitudeFit(Value):
     slip: FloatArray
     residual: tuple[float, float]
     interval: dict[str, tuple[float, float]]
+    unconstrained: tuple[str, ...] = ()
 
     def predict(self, frequencies: npt.ArrayLike, amplitude: npt.ArrayLike) -> ComplexArray:
         """K' + i K'' (N/m) at circular frequencies (rad/s) and amplitudes (m), of one shape."""
@@ -135,6 +143,11 @@ def fit_amplitude(data: ModulusData, *, kind: str = "rabotnov", elements: int = 
     AmplitudeFit
         Elements with these numbers stand for it in systems that have such forces; the kernel's part
         alone is what `fit_kernel` gives for large amplitudes.
+
+    Warns
+    -----
+    ConvergenceWarning
+        For elements that the amplitudes do not constrain, see `AmplitudeFit.unconstrained`.
 
     Examples
     --------
@@ -202,15 +215,13 @@ def fit_amplitude(data: ModulusData, *, kind: str = "rabotnov", elements: int = 
         after = float(residual(theta) @ residual(theta))
         if after > 0.999 * before or after < _EXACT * measured.target.size:
             break
-    return _amplitude_result(model, theta, count, residual(theta), slopes(theta))
+    return _amplitude_result(model, theta, count, residual(theta), slopes(theta), levels)
 
 
 def _kernel_start(
     data: ModulusData, rows: npt.NDArray[np.bool_], kind: str, model: Model
 ) -> FloatArray:
     """Unknowns of the kernel by the rows of the largest amplitude."""
-    import warnings
-
     from viscovib.rubber.parametric_fit import ParametricFit
 
     order = np.argsort(np.asarray(data.frequencies)[rows])
@@ -267,7 +278,12 @@ def _grid_starts(
 
 
 def _amplitude_result(
-    model: Model, theta: FloatArray, count: int, left: FloatArray, slopes: FloatArray
+    model: Model,
+    theta: FloatArray,
+    count: int,
+    left: FloatArray,
+    slopes: FloatArray,
+    levels: FloatArray,
 ) -> AmplitudeFit:
     from scipy.special import stdtrit
 
@@ -285,6 +301,15 @@ def _amplitude_result(
         for i in range(count):
             ends = np.exp(np.clip(values[i] + np.array([-1, 1]) * reach * spread[i], -700, 700))
             interval[f"{name}_{i + 1}"] = (float(ends[0]), float(ends[1]))
+    loose = _unconstrained(s, levels)
+    if loose:
+        interval |= dict.fromkeys(loose, (0.0, math.inf))
+        warnings.warn(
+            f"the amplitudes do not constrain {', '.join(loose)}: an element must slip between the "
+            "smallest and the largest, and an amplitude lie between the slips of two",
+            ConvergenceWarning,
+            stacklevel=3,
+        )
     half = left.size // 2
     return AmplitudeFit(
         kernel=model.kernel(theta[: model.size]),
@@ -296,7 +321,19 @@ def _amplitude_result(
             float(np.sqrt(np.mean(left[half:] ** 2))),
         ),
         interval=interval,
+        unconstrained=loose,
     )
+
+
+def _unconstrained(slips: FloatArray, levels: FloatArray) -> tuple[str, ...]:
+    """Names of what logarithms of amplitudes do not tell of elements, by those of their slips."""
+    loose = (slips < levels[0] + _BESIDE) | (slips > levels[-1] - _BESIDE)
+    for i in range(slips.size - 1):
+        between = (levels > slips[i] + _BESIDE) & (levels < slips[i + 1] - _BESIDE)
+        if not between.any():
+            loose[i : i + 2] = True
+    places = (np.flatnonzero(loose) + 1).tolist()
+    return tuple(f"{name}_{i}" for i in places for name in ("stiffness", "slip"))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)

@@ -161,8 +161,13 @@ def fit_shift_law(
             f"temperatures and decades have {t.size} and {d.size} numbers: must match and be 3 or "
             "more"
         )
-    if t.min() <= -KELVIN or at <= -KELVIN:
-        raise InputError(f"temperatures: must be above -{KELVIN} deg C")
+    if at <= -KELVIN:
+        raise InputError(f"reference = {at:g}: must be above -{KELVIN} deg C")
+    if t.min() <= -KELVIN:
+        i = int(t.argmin())
+        raise InputError(f"temperatures[{i}] = {t[i]:g}: must be above -{KELVIN} deg C")
+    if (t == at).all():
+        raise InputError(f"temperatures: are all the reference, {at:g} deg C, must have others")
     found, names, slopes = (_wlf if law == "wlf" else _arrhenius)(t, d, at)
     residuals = np.asarray(d - found.log10(t))
     misfit = float(np.sqrt(np.mean(residuals**2)))
@@ -203,7 +208,7 @@ def _wlf(t: FloatArray, d: FloatArray, at: float) -> tuple[WLF, tuple[str, ...],
     )
     c1, c2 = best(found.x)[1], lowest + float(np.exp(found.x))
     if not c1 > 0:
-        raise InputError("decades: do not fall with temperature, no WLF law describes them")
+        raise _refusal("WLF", t, d, at)
     # Newton's method on both, since a minimum is only found to the root of the rounding.
     for _ in range(20):
         slopes = np.column_stack([-warm / (c2 + warm), c1 * warm / (c2 + warm) ** 2])
@@ -223,9 +228,26 @@ def _arrhenius(
     shape = -(t - at) / ((at + KELVIN) * (t + KELVIN)) / (GAS_CONSTANT * np.log(10))
     energy = float(shape @ d / (shape @ shape))
     if not energy > 0:
-        raise InputError("decades: do not fall with temperature, no Arrhenius law describes them")
+        raise _refusal("Arrhenius", t, d, at)
     law = Arrhenius(reference=at, activation_energy=energy)
     return law, ("activation_energy",), shape[:, np.newaxis]
+
+
+def _refusal(law: str, t: FloatArray, d: FloatArray, at: float) -> InputError:
+    """Why factors have no law: they rise, or fall but not through 0 at the reference."""
+    warm = t - t.mean()
+    if float(warm @ d) < 0:
+        i = int(((t - at) * d).argmax())
+        side = "below 0 above" if t[i] > at else "above 0 below"
+        return InputError(
+            f"decades[{i}] = {d[i]:g} at {t[i]:g} deg C: must be {side} the reference, {at:g} deg "
+            f"C, where a law of {law} is 0"
+        )
+    cold, hot = int(t.argmin()), int(t.argmax())
+    return InputError(
+        f"decades: do not fall with temperature ({d[cold]:g} at {t[cold]:g} deg C, {d[hot]:g} at "
+        f"{t[hot]:g}), must do so for a law of {law}"
+    )
 
 
 def _interval(
