@@ -109,8 +109,9 @@ contains
     end if
     if (.not. found) then
       call fail(status, status_input_error, 'damping', 'damping: couples modes that coincide, ' &
-                //'as rigid bodies do, or of so different stiffness that rounding makes them so; this program does ' &
-                //'not find their sum: must leave the modes uncoupled, or see Structure of Python')
+                //'as rigid bodies do, or of so different stiffness that rounding makes them so; ' &
+                //'this program does not find their sum: must leave the modes uncoupled, or see ' &
+                //'Structure of Python')
       return
     end if
     rest%hidden = hidden_poles(rest%poles, left, right, stiffness)
