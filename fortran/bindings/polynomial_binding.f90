@@ -19,12 +19,14 @@ subroutine polynomial_check(flat, n_flat, status)
 end subroutine polynomial_check
 
 !> Motion of a system without memory; the load and its frequency as in mount_binding, all else as
-!! in `pendulum_simulate`, but resume = 2: under other loads, elements remembering; the last number
-!! of kept: how many of it are the method's. moves, breaks, pieces, ends and made_by as in
-!! `mount_simulate`, with less than two breaks there is no load but the periodic one.
+!! in `pendulum_simulate`, but resume = 2: under other loads, elements remembering; the last
+!! numbers of kept: whether steps were made in parts, and how many of it are the method's;
+!! in_parts /= 0: all steps are made in parts that see thin layers of forces; thin: how thin one may
+!! be for a part. moves, breaks, pieces, ends and made_by as in `mount_simulate`, with less than two
+!! breaks there is no load but the periodic one.
 subroutine polynomial_simulate(flat, n_flat, orders, series, n_rows, n_series, nu, breaks, &
-                               pieces, n_breaks, ends, made_by, n_ends, method, moves, initial, &
-                               h, tolerance, first, n_steps, save_every, resume, &
+                               pieces, n_breaks, ends, made_by, n_ends, method, in_parts, thin, &
+                               moves, initial, h, tolerance, first, n_steps, save_every, resume, &
                                memory, n_memory, times, n_times, n_columns, watched, n_watch, &
                                sides, n_sides, most, states, at_times, last, kept, n_done, &
                                n_reached, t_reached, ended, n_evaluations, found, n_found, status)
@@ -43,10 +45,11 @@ subroutine polynomial_simulate(flat, n_flat, orders, series, n_rows, n_series, n
   use viscovib_watch, only: new_watch, watch_type
   implicit none
   integer(c_int), intent(in) :: n_flat, n_rows, n_series, orders(n_series), n_breaks, n_ends
-  integer(c_int), intent(in) :: method, resume, n_memory, n_times, n_columns, moves(n_rows - 1)
+  integer(c_int), intent(in) :: method, in_parts, resume, n_memory, n_times, n_columns
+  integer(c_int), intent(in) :: moves(n_rows - 1)
   integer(c_long), intent(in) :: first, n_steps, save_every, made_by(n_ends)
   real(c_double), intent(in) :: breaks(n_breaks), pieces(n_rows - 1, 4, n_breaks), ends(n_ends)
-  real(c_double), intent(in) :: flat(n_flat), nu, initial(2*n_rows - 2), h, tolerance
+  real(c_double), intent(in) :: flat(n_flat), nu, initial(2*n_rows - 2), h, tolerance, thin
   complex(c_double_complex), intent(in) :: series(n_rows, n_series)
   real(c_double), intent(in) :: memory(n_memory), times(n_times)
   real(c_double), intent(out) :: states(2*n_rows - 2, n_columns), at_times(2*n_rows - 2, n_times)
@@ -96,6 +99,8 @@ subroutine polynomial_simulate(flat, n_flat, orders, series, n_rows, n_series, n
     end if
   end if
   if (.not. outcome%failed()) then
+    motion%thin = thin
+    motion%in_parts = motion%layers%exist() .and. in_parts /= 0
     if (n_breaks > 1) call motion%add_table(breaks, pieces(dofs, :, :))
     call new_mesh(mesh, h, ends, made_by)
     start = 0.0_c_double
@@ -126,6 +131,7 @@ subroutine polynomial_simulate(flat, n_flat, orders, series, n_rows, n_series, n
     i = stepper%memory_size()
     kept(:i) = stepper%save_memory()
     kept(i + 1:i + motion%n_switches()) = motion%keep_switches()
+    kept(n_memory - 1) = merge(1.0_c_double, 0.0_c_double, motion%in_parts)
     kept(n_memory) = i
     last(2*dofs - 1) = stepper%q
     last(2*dofs) = stepper%v

@@ -8,6 +8,7 @@ module viscovib_driven_system
   use viscovib_kinds, only: wp
   use viscovib_lanes, only: n_lanes
   use viscovib_law_branches, only: signal_type
+  use viscovib_law_layers, only: law_layers
   use viscovib_vector_math, only: largest_angle
   implicit none
   private
@@ -41,6 +42,12 @@ module viscovib_driven_system
     type(signal_type), allocatable :: signals(:)
     !> Whether `linearise` is there and worth its while.
     logical :: sloped = .false.
+    !> Where forces change in layers that steps jump over, and whether steps are made in parts that
+    !! see them.
+    type(law_layers) :: layers
+    logical :: in_parts = .false.
+    !> How many times as far as a polynomial follows what a layer depends on may go in a part.
+    real(wp) :: thin = 1.0_wp
     !> Length of the steps of a run.
     real(wp) :: step_length = 0.0_wp
     !> On which side of each the motion is when a run begins again, and which it is on; not

@@ -1,5 +1,4 @@
-!> A polynomial system without memory in time, under a periodic load and a piecewise cubic
-!! in time:
+!> A polynomial system without memory in time, under a periodic load and piecewise cubics:
 !!
 !!   M u'' = Im sum_k P_k exp(i k nu t) + F(t) - C u' - K u - f(u).
 !!
@@ -99,9 +98,11 @@ contains
     do i = 1, size(laws)
       if (size(laws(i)%arguments, 1) > most_arguments) motion%sloped = .false.
     end do
+    call motion%layers%find(laws)
     call new_switched_laws(motion%laws, laws, motion%inverse)
-    if (size(motion%laws%holds) > 0) motion%signals = motion%laws%signals
-    if (size(motion%laws%holds) > 0) motion%sloped = .false.
+    if (size(motion%laws%holds) == 0) return
+    motion%signals = motion%laws%signals
+    motion%sloped = .false.
   end subroutine new_polynomial_motion
 
   !> Hold the laws on one side of each of their surfaces, or on it.
@@ -490,8 +491,7 @@ contains
     margin = 1.0_wp + 0.0_wp*q(:, 1)
   end function margin
 
-  !> Upper bound of the rates of the linear system, and the frequency of the load
-  !! (rad/s): what steps begin with.
+  !> Upper bound of the rates of the linear system and the load (rad/s): what steps begin with.
   pure real(wp) function fastest(self)
     class(polynomial_motion_type), intent(in) :: self
     fastest = max(self%linear_rate, self%drives(1))

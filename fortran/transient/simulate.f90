@@ -4,6 +4,7 @@ module viscovib_simulate
   use viscovib_driven_system, only: driven_system_type
   use viscovib_kinds, only: i8, wp
   use viscovib_lanes, only: n_lanes
+  use viscovib_layer_watch, only: layer_watch
   use viscovib_mesh, only: equal_steps, mesh_type
   use viscovib_run_history, only: run_history
   use viscovib_small_steps, only: note_small_steps
@@ -47,11 +48,47 @@ contains
     type(mesh_type), intent(in), optional :: mesh
     !> Events to look for.
     type(watch_type), intent(inout), optional :: watch
+    type(watch_type) :: before
+    real(wp) :: memory(method%memory_size()), h
+    logical :: missed
+
+    if (system%layers%exist()) then
+      memory = method%save_memory()
+      h = method%h
+      if (present(watch)) before = watch
+    end if
+    call run_through(method, system, first, n_steps, save_every, times, states, at_times, n_done, &
+                     n_reached, t_reached, outcome, missed, mesh, watch)
+    if (.not. missed) return
+    system%in_parts = .true.
+    call method%load_memory(memory)
+    call method%change_step(system, h)
+    if (present(watch)) watch = before
+    call run_through(method, system, first, n_steps, save_every, times, states, at_times, n_done, &
+                     n_reached, t_reached, outcome, missed, mesh, watch)
+  end subroutine simulate
+
+  !> The same, but given up where whole steps may have missed a thin layer of a force.
+  subroutine run_through(method, system, first, n_steps, save_every, times, states, at_times, &
+                         n_done, n_reached, t_reached, outcome, missed, mesh, watch)
+    class(stepper_type), intent(inout) :: method
+    class(driven_system_type), intent(inout) :: system
+    integer(i8), intent(in) :: first, n_steps, save_every
+    real(wp), intent(in) :: times(:)
+    real(wp), intent(inout) :: states(:, :), at_times(:, :)
+    integer(i8), intent(out) :: n_done
+    integer, intent(out) :: n_reached
+    real(wp), intent(out) :: t_reached
+    integer, intent(out) :: outcome
+    logical, intent(out) :: missed
+    type(mesh_type), intent(in), optional :: mesh
+    type(watch_type), intent(inout), optional :: watch
     type(mesh_type) :: ends
     type(wanted_states) :: wanted
     type(watched_step_type) :: at
     type(watch_type) :: unwatched
     type(run_history) :: past
+    type(layer_watch) :: layers
     type(flushing_type) :: flushing
     integer(i8) :: i, column
     real(wp) :: now
@@ -79,6 +116,8 @@ contains
       at%fresh = spread(.false., 1, size(at%sides))
     end if
     call begin_graded(at, system, method%q, method%v)
+    call layers%begin(system, now, method%q, method%v)
+    missed = .false.
     do i = 1, n_steps
       t_reached = now
       if (stop_wanted()) then
@@ -94,7 +133,7 @@ contains
       at%until = ends%time(piece, first + i)
       if (present(watch)) then
         call make_parts(method, system, at, past, wanted, watch, ends, piece, t_reached, outcome)
-      else if (allocated(system%signals)) then
+      else if (allocated(system%signals) .or. system%in_parts) then
         call make_parts(method, system, at, past, wanted, unwatched, ends, piece, t_reached, &
                         outcome)
       else
@@ -104,6 +143,8 @@ contains
       n_done = i
       now = at%until
       t_reached = now
+      if (layers%on) call layers%see(system, now, method%q, method%v, missed)
+      if (missed) return
       if (mod(i, save_every) /= 0) cycle
       column = i/save_every
       if (column > size(states, 2)) cycle
@@ -111,6 +152,7 @@ contains
       states(1::2, column) = method%q
       states(2::2, column) = method%v
     end do
+    if (layers%on) missed = layers%look(system)
     if (outcome == run_completed) then
       call wanted%keep_between(method, system, now)
     else if (outcome /= run_stopped) then
@@ -125,7 +167,7 @@ contains
     end if
     n_reached = wanted%n_reached
     at_times(:, :n_reached) = wanted%states(:, :n_reached)
-  end subroutine simulate
+  end subroutine run_through
 
   !> One step of equations without surfaces.
   subroutine make_step(method, system, at, past, wanted, unwatched, t_reached, outcome)

@@ -141,6 +141,37 @@ state, outcome, error = m.state[-1], str(m.outcome), m.error
     return Case(call, judge)
 
 
+def _layer(rng, index):
+    """A thin layer somewhere in the way; SciPy's steps are short within it."""
+    texts = ("tanh({z})", "exp(-({z})^2)/{e}/5", "1/(1 + ({z})^2)/{e}/10", "atan({z})")
+    forces = (
+        np.tanh, lambda z: np.exp(-min(z * z, 700.0)) / e / 5, lambda z: 1 / (1 + z * z) / e / 10,
+        np.arctan,
+    )  # fmt: skip
+    e, place = few(rng, 1e-3, 1e-2, 2), even(rng, -0.3, 0.5, 3)
+    text, force = texts[index % 4], forces[index % 4]
+    law = text.format(z=f"(x - {place})/{e}", e=e)
+    a = even(rng, 0.1, 0.4, 3) * (-1) ** (index // 4)
+    c, load, nu = even(rng, 0.02, 0.2, 3), even(rng, 0.1, 1, 3), few(rng, 0.3, 2, 4)
+    start = [even(rng, -1, 1, 3), even(rng, -1, 1, 3)]
+    call = f"""system = vv.PolynomialSystem(mass=1, stiffness=1, damping={c}, forces="{a}*{law}")
+m = vv.simulate(system, 4.0, load={load}, nu={nu}, initial={start})
+state, outcome, error = m.state[-1], str(m.outcome), m.error
+"""
+
+    def judge(names, told):
+        run = solve_ivp(
+            lambda t, y: [
+                y[1], load * np.sin(nu * t) - c * y[1] - y[0] - a * force((y[0] - place) / e)
+            ],
+            (0, 4), start, "DOP853", rtol=1e-12, atol=1e-14, max_step=e / 4,
+        )  # fmt: skip
+        yield Claim("outcome", names["outcome"], "completed")
+        yield Claim("state beyond layers", names["state"], run.y[:, -1], names["error"] + 2e-9)
+
+    return Case(call, judge)
+
+
 def _element(rng, index):
     _, _, c, k, load, nu = _draw(rng)
     a, b = even(rng, 0.1, 1, 3), even(rng, 0.5, 2, 3)
@@ -306,5 +337,5 @@ def _without_stops(nu, size):
 
 def case(rng, index):
     """Draw a law, and ask for its steady motion, stability, motion in time, or a structure's."""
-    kinds = (_steady, _motion, _element, _multipliers, _slider, _friction, _contact)
+    kinds = (_steady, _motion, _element, _multipliers, _slider, _friction, _contact, _layer)
     return kinds[index % len(kinds)](rng, index // len(kinds))

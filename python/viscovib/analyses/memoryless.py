@@ -11,7 +11,7 @@ import numpy.typing as npt
 from viscovib import _native
 from viscovib._native import FloatArray, core
 from viscovib.analyses.hereditary import moving, table_of
-from viscovib.analyses.runs import MAX_STEPS, Piece, Run, nothing
+from viscovib.analyses.runs import MAX_STEPS, Piece, Run, ThinLayers, nothing
 from viscovib.common.parameters import MAX_HARMONICS
 from viscovib.common.past import Past
 from viscovib.errors import InputError
@@ -147,7 +147,8 @@ def polynomial_runs(
         for i in range(n)
     ]
     moves = _all_move(n) if all(driven) else moving(system, np.array(driven))
-    job = (system._flat, orders, series, frequency, breaks, pieces, moves, force)
+    layers = ThinLayers()
+    job = (system._flat, orders, series, frequency, breaks, pieces, moves, layers, force)
     return partial(PolynomialRun.of_job, system, name, state, solved, job), steps
 
 
@@ -168,6 +169,7 @@ class PolynomialRun(Run):
     ) -> None:
         super().__init__(system, method, state, h, solved)
         self.job = job
+        self.layers = job[7]
 
     @classmethod
     def of_job(
@@ -188,9 +190,14 @@ class PolynomialRun(Run):
         self.memory = earlier.memory
 
     @property
+    def has_layers(self) -> bool:
+        """Whether there are laws."""
+        return any(group.laws for group in self.system.groups)
+
+    @property
     def switched(self) -> FloatArray:
         """What elements know, and sides of surfaces, as the core keeps them behind the method's."""
-        return np.empty(0) if self.memory is None else self.memory[int(self.memory[-1]) : -1]
+        return np.empty(0) if self.memory is None else self.memory[int(self.memory[-1]) : -2]
 
     def power(self, t: FloatArray, state: FloatArray) -> FloatArray:
         """Power of load and damping."""
@@ -214,13 +221,17 @@ class PolynomialRun(Run):
         resume = 0 if self.memory is None else 2 if self.anew else 1
         # Every surface and every state of an element has at least two numbers in the vector.
         room = _MEMORY + 2 * self.job[0].size
-        return Piece(
+        self.layers.longest = max(self.layers.longest, self.h)
+        in_parts = self.layers.seen or (self.memory is not None and bool(self.memory[-2]))
+        piece = Piece(
             *_native.call_either(
                 count > _native.MANY_STEPS,
                 core.polynomial_simulate,
                 *self.job[:6],
                 *self._mesh_arrays(),
                 METHODS[self.method],
+                int(in_parts),
+                self.h / self.layers.longest,
                 self.job[6] if self.watch is None else np.ones_like(self.job[6]),
                 self.state,
                 self.h,
@@ -235,6 +246,8 @@ class PolynomialRun(Run):
                 *self._watched(),
             )
         )
+        self.layers.seen |= bool(piece.memory[-2])
+        return piece
 
 
 class _PendulumRun(Run):

@@ -169,6 +169,17 @@ def nothing(n: int, kind: type[Any] = float) -> npt.NDArray[Any]:
     return zeros
 
 
+@dataclass
+class ThinLayers:
+    """Where steps may miss thin layers of force laws: all runs of a call know what one has met."""
+
+    #: Whether one may have been missed: all steps are made in parts that see them from then on.
+    seen: bool = False
+    #: The longest step of these runs: parts of shorter ones are as much shorter, lest all have the
+    #: same parts, whose error no comparison tells.
+    longest: float = 0.0
+
+
 class Run(ABC):
     """A run that can go on: the native state and how far it has come."""
 
@@ -176,6 +187,8 @@ class Run(ABC):
     counts: ClassVar[str]
     #: Whether wanted times are told by the polynomials of steps, at no steps of their own.
     inside: ClassVar[bool] = False
+    #: Thin layers of forces that steps may miss; those of a search for the step share them.
+    layers: ThinLayers = ThinLayers()
     #: Steps a native call takes at most: how often progress shows and Ctrl-C is heard.
     piece: int = 200_000
 
@@ -270,6 +283,11 @@ class Run(ABC):
                 [f"skips: storing states before the last {want.tail:g} (not asked for)"]
             )
         return plan
+
+    @property
+    def has_layers(self) -> bool:
+        """Whether there may be such layers at all."""
+        return False
 
     @property
     def switched(self) -> FloatArray:

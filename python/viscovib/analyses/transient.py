@@ -240,14 +240,19 @@ def simulate(
             )
         free = want.every == 1 and want.keep == "all" and want.times is None
         n = want.every * math.ceil(n / want.every)
-        inside = steps.make(end / n).inside
+        first = steps.make(end / n)
+        inside = first.inside
         try:
             return _heard(by_tolerance(steps.of(n), n, accuracy, dense=free, inside=inside))
         except NotMetError:
-            if steps.at_first == 1:
+            if steps.at_first == 1 and (first.layers.seen or not first.has_layers):
                 raise
-        # A motion with memory that is unstable enlarges what is left in equations and kernels.
-        steps, _ = prepared(_SHARPER)
+        # Steps may be too large for layers of laws only. A motion with memory that is unstable
+        # enlarges what is left in equations and kernels.
+        if first.has_layers:
+            first.layers.seen = True
+        else:
+            steps, _ = prepared(_SHARPER)
         return _heard(by_tolerance(steps.of(n), n, accuracy, dense=free, inside=inside))
     return _heard(_with_step(steps, end, _native.number("dt", dt), estimated))
 
@@ -392,7 +397,9 @@ def _with_step(steps: _Steps, end: float, step: float, estimated: bool) -> Traje
     told = None
     if result.outcome == "completed":
         told = result._pole_passed()
-        if told is None and _every_step(result.t, step):
+        # Parts of steps see layers.
+        in_parts = result._resume is not None and result._resume.layers.seen
+        if told is None and not in_parts and _every_step(result.t, step):
             # Only states of every step tell what a step has passed.
             told = result._layer_passed()
     if told is not None:

@@ -1,0 +1,295 @@
+!> Thin layers of force laws: where an instruction of a law sees its operand change too fast for a
+!! polynomial through the nodes of a step.
+!!
+!! Under tanh(v/1e-4) or exp(-(x/1e-3)^2) a force lives in a layer that a step may jump over; a bump
+!! may hide between all nodes of a step and of its halves, so that no comparison of runs tells. The
+!! operands themselves are smooth and never hidden. A function whose nearest singularity is at the
+!! distance D of the values that its operand takes in a step, L apart, is followed by a polynomial
+!! whose error falls by the factor r a degree,
+!!
+!!   r = 2 D/L + sqrt((2 D/L)^2 + 1)  (beside the values),  1 + 2 D/L + sqrt((1 + 2 D/L)^2 - 1)
+!!
+!! (ahead of them), the parameter of Bernstein's ellipse: L N. Trefethen, Approximation Theory and
+!! Approximation Practice, 2013, chapter 8.
+module viscovib_law_layers
+  use viscovib_kinds, only: wp
+  use viscovib_law_branches, only: signal_type
+  use viscovib_law_functions, only: divide, f_acos, f_acosh, f_asin, f_asinh, f_atan, f_atanh, &
+                                    f_cos, f_cosh, f_exp, f_log, f_sin, f_sinh, f_sqrt, f_tan, &
+                                    f_tanh, is_whole, known_power, operands
+  use viscovib_law_roots, only: find_roots
+  use viscovib_law_term, only: law_term
+  implicit none
+  private
+
+  public :: law_layers
+
+  !> An instruction, and its operand, of which it must see enough values.
+  type :: layer_type
+    integer :: code = 0
+    type(signal_type) :: operand
+  end type layer_type
+
+  !> Those of all laws of a system.
+  type :: law_layers
+    type(layer_type), allocatable, private :: layers(:)
+  contains
+    procedure :: find
+    procedure :: exist
+    procedure :: thinness_at
+  end type law_layers
+
+  !> Change of an operand in a step that a polynomial follows, as a part of the distance of
+  !! singularities beside the real axis (r = 4.9) and on it (r = 5.8), and of functions that have
+  !! none.
+  real(wp), parameter :: beside = 0.85_wp, ahead = 1.0_wp, none = 6.0_wp
+  !> Beyond these operands tanh is 1 and exp is nothing, to rounding.
+  real(wp), parameter :: flat = 20.0_wp, nothing = -50.0_wp
+  !> By what part of its range an operand may leave it between values seen, as its parabolas err;
+  !! and how near to a singularity they may take it, as a part of the distance seen.
+  real(wp), parameter :: doubt = 0.05_wp, closest = 1.0e-6_wp
+  real(wp), parameter :: half_pi = 1.5707963267948966_wp
+
+contains
+
+  !> Of all laws but those of elements with states, whose slips are surfaces.
+  subroutine find(self, laws)
+    class(law_layers), intent(out) :: self
+    type(law_term), intent(in) :: laws(:)
+    type(layer_type), allocatable :: layers(:)
+    integer :: i
+    allocate (self%layers(0))
+    do i = 1, size(laws)
+      if (laws(i)%state > 0) cycle
+      call find_layers(laws(i), layers)
+      self%layers = [self%layers, layers]
+    end do
+  end subroutine find
+
+  !> Whether there are any.
+  pure logical function exist(self)
+    class(law_layers), intent(in) :: self
+    exist = .false.
+    if (allocated(self%layers)) exist = size(self%layers) > 0
+  end function exist
+
+  !> How many times as far as a polynomial follows what forces depend on goes in a step, of the
+  !! thinnest layer.
+  real(wp) function thinness_at(self, t, places, q, v, apart)
+    class(law_layers), intent(in) :: self
+    !> As in `thinness`.
+    real(wp), intent(in) :: t(:), places(:), q(:, :), v(:, :)
+    logical, intent(in) :: apart
+    integer :: i
+    thinness_at = 0.0_wp
+    do i = 1, size(self%layers)
+      thinness_at = max(thinness_at, thinness(self%layers(i), t, places, q, v, apart))
+    end do
+  end function thinness_at
+
+  !> The layers of a law.
+  subroutine find_layers(law, layers)
+    type(law_term), intent(in) :: law
+    type(layer_type), allocatable, intent(out) :: layers(:)
+    logical :: roots(size(law%program%code))
+    real(wp) :: rough(law%program%n_surfaces())
+    integer :: first, i, n, wanted
+
+    call find_roots(law%program%code, law%program%number, roots, rough)
+    allocate (layers(size(law%program%code)))
+    n = 0
+    do i = 1, size(law%program%code)
+      if (.not. bends(law%program%code(i), law%program%number(i)) .or. roots(i)) cycle
+      ! Of a quotient what divides.
+      wanted = 1
+      first = i
+      do while (wanted > 0)
+        first = first - 1
+        wanted = wanted - 1 + operands(law%program%code(first))
+      end do
+      n = n + 1
+      layers(n)%code = law%program%code(i)
+      associate (operand => layers(n)%operand)
+        operand%program%n_arguments = law%program%n_arguments
+        operand%program%code = law%program%code(first:i - 1)
+        operand%program%number = law%program%number(first:i - 1)
+        call operand%program%measure()
+        operand%by_q = law%arguments
+        operand%by_v = law%rates
+      end associate
+    end do
+    layers = layers(:n)
+  end subroutine find_layers
+
+  !> Whether an instruction is no polynomial of its last operand.
+  pure logical function bends(code, number)
+    integer, intent(in) :: code
+    real(wp), intent(in) :: number
+    select case (code)
+    case (divide, f_sin, f_cos, f_tan, f_asin, f_acos, f_atan, f_sinh, f_cosh, f_tanh, f_asinh, &
+          f_acosh, f_atanh, f_exp, f_log, f_sqrt)
+      bends = .true.
+    case (known_power)
+      bends = number < 0.0_wp .or. .not. is_whole(number)
+    case default
+      bends = .false.
+    end select
+  end function bends
+
+  !> How many times as far an operand goes in a step as a polynomial follows; up to 1: it is
+  !! followed.
+  real(wp) function thinness(layer, t, places, q, v, apart)
+    type(layer_type), intent(in) :: layer
+    !> Times; places to which they belong, ascending; states there, shape (n, n_dof).
+    real(wp), intent(in) :: t(:), places(:), q(:, :), v(:, :)
+    !> The states are at ends of steps, of which the thinnest layer counts; else inside of one.
+    logical, intent(in) :: apart
+    real(wp) :: z(size(t)), low, high
+    integer :: first, i, last
+
+    call layer%operand%at(t, q, v, z)
+    if (.not. apart) then
+      call reach(places, z, low, high)
+      thinness = of_range(layer%code, z, low, high, doubt*(high - low))
+      if (thinness > 0.0_wp .and. size(z) > 2) thinness = max(thinness, &
+                                                        of_parabola(layer%code, places, z))
+      return
+    end if
+    thinness = 0.0_wp
+    do i = 1, size(z) - 1
+      first = max(i - 1, 1)
+      last = min(i + 2, size(z))
+      call reach(places(first:last), z(first:last), low, high)
+      thinness = max(thinness, of_range(layer%code, z(first:last), low, high, &
+                                        high - low))
+    end do
+  end function thinness
+
+  !> The same of an operand between two values.
+  pure real(wp) function of_range(code, z, low, high, more) result(thinness)
+    integer, intent(in) :: code
+    !> Values seen; the range between them, and how far it may go beyond.
+    real(wp), intent(in) :: z(:), low, high, more
+    real(wp) :: distance, seen
+
+    thinness = 0.0_wp
+    seen = 1.0_wp
+    select case (code)
+    case (f_tanh)
+      if (low - more > flat .or. high + more < -flat) return
+      distance = beside*half_pi
+    case (f_atan, f_asinh)
+      distance = beside*hypot(1.0_wp, max(0.0_wp, low, -high))
+    case (f_exp)
+      if (high + more < nothing) return
+      distance = none
+    case (f_sin, f_cos, f_sinh, f_cosh)
+      distance = none
+    case (f_tan)
+      distance = beside*half_pi
+    case (f_asin, f_acos, f_atanh)
+      seen = 1.0_wp - maxval(abs(z))
+      distance = ahead*(1.0_wp - max(high, -low))
+    case (f_acosh)
+      seen = minval(z) - 1.0_wp
+      distance = ahead*(low - 1.0_wp)
+    case default
+      seen = max(minval(z), -maxval(z))
+      distance = ahead*max(low, -high)
+    end select
+    ! What passes a singularity ends the motion, which is told elsewhere.
+    if (seen > 0.0_wp) thinness = (high - low)/max(distance, closest*seen)
+  end function of_range
+
+  !> The same of an operand that is a parabola in the step, as the square of a deflection is: by the
+  !! singularities of the function of time, or how fast its powers fall where it has none.
+  pure real(wp) function of_parabola(code, x, z) result(thinness)
+    integer, intent(in) :: code
+    real(wp), intent(in) :: x(:), z(:)
+    !> r wanted; and terms of an exponent of which powers to the 16th are 1e-11.
+    real(wp), parameter :: wanted = 4.9_wp, first = 1.5_wp, second = 0.15_wp
+    !> Singularities as far away as 1 of it do not count.
+    real(wp), parameter :: far = 1.0e-8_wp
+    complex(wp) :: at(2), root
+    real(wp) :: a, b, c, half, off, slope, r
+    integer :: i, k, m, n
+
+    n = size(z)
+    m = (n + 1)/2
+    ! z = a + b s + c s^2 on s = -1 ... 1.
+    slope = (z(m) - z(1))/(x(m) - x(1))
+    c = ((z(n) - z(m))/(x(n) - x(m)) - slope)/(x(n) - x(1))
+    half = 0.5_wp*(x(n) - x(1))
+    off = x(1) + half - x(m)
+    a = z(1) + half*(slope + c*off)
+    b = half*(slope + c*(half + off))
+    c = c*half**2
+    select case (code)
+    case (f_tanh)
+      at = [cmplx(0, half_pi, wp), cmplx(0, -half_pi, wp)]
+    case (f_atan, f_asinh)
+      at = [(0.0_wp, 1.0_wp), (0.0_wp, -1.0_wp)]
+    case (f_asin, f_acos, f_atanh)
+      at = [(1.0_wp, 0.0_wp), (-1.0_wp, 0.0_wp)]
+    case (f_acosh)
+      at = (1.0_wp, 0.0_wp)
+    case (f_exp, f_sin, f_cos, f_sinh, f_cosh)
+      thinness = max(abs(b)/first, abs(c)/second)
+      return
+    case (f_tan)
+      at = half_pi*nint(a/half_pi)
+    case default
+      at = (0.0_wp, 0.0_wp)
+    end select
+    r = huge(1.0_wp)
+    do k = 1, 2
+      ! c s^2 + b s + a - z = 0, by the quotient that loses no digits.
+      root = sqrt(b*b - 4.0_wp*c*(a - at(k)))
+      if (real(b*root) < 0.0_wp) root = -root
+      root = -0.5_wp*(b + root)
+      do i = 1, 2
+        if (i == 1) then
+          if (abs(root) > far*abs(a - at(k))) r = min(r, ellipse((a - at(k))/root))
+        else if (abs(c) > far*abs(root)) then
+          r = min(r, ellipse(root/c))
+        end if
+      end do
+    end do
+    r = max(r, 1.0_wp + 1.0e-6_wp)
+    thinness = 0.0_wp
+    if (r < 1.0_wp/far) thinness = (wanted - 1.0_wp/wanted)/(r - 1.0_wp/r)
+
+  contains
+
+    !> Of the ellipse about -1 ... 1 that passes a place.
+    pure real(wp) function ellipse(s)
+      complex(wp), intent(in) :: s
+      complex(wp) :: w
+      w = sqrt(s*s - 1.0_wp)
+      ellipse = max(abs(s + w), abs(s - w))
+    end function ellipse
+
+  end function of_parabola
+
+  !> Least and largest value of a smooth function, by the parabolas through neighbours.
+  pure subroutine reach(x, z, low, high)
+    real(wp), intent(in) :: x(:), z(:)
+    real(wp), intent(out) :: low, high
+    real(wp) :: slope, curvature, top, value
+    integer :: i
+
+    low = minval(z)
+    high = maxval(z)
+    do i = 2, size(z) - 1
+      slope = (z(i) - z(i - 1))/(x(i) - x(i - 1))
+      curvature = ((z(i + 1) - z(i))/(x(i + 1) - x(i)) - slope)/(x(i + 1) - x(i - 1))
+      if (.not. abs(curvature) > 0.0_wp) cycle
+      top = 0.5_wp*(x(i) + x(i - 1) - slope/curvature)
+      if (top <= x(i - 1) .or. top >= x(i + 1)) cycle
+      value = z(i) + (slope + curvature*(top - x(i - 1)))*(top - x(i))
+      low = min(low, value)
+      high = max(high, value)
+    end do
+  end subroutine reach
+
+end module viscovib_law_layers

@@ -1,0 +1,141 @@
+"""Thin layers of smooth force laws, which steps could jump over, in time.
+
+Judged by SciPy, whose steps in a layer are kept short.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+import viscovib as vv
+from scipy.integrate import solve_ivp
+
+#: Text of a law with the strength F, the place g and the width e; its force of the operand z, and
+#: whether that is a rate.
+LAWS: dict[str, tuple[Callable[[float], float], bool]] = {
+    "F*tanh((x - g)/e)": (math.tanh, False),
+    "F*exp(-((x - g)/e)^2)": (lambda z: math.exp(-min(z * z, 700.0)), False),
+    "F/(1 + ((x - g)/e)^2)": (lambda z: 1 / (1 + z * z), False),
+    "F*atan((x - g)/e)": (math.atan, False),
+    "F*(tanh((x - g)/e) - tanh((x - g)/e - 5))": (
+        lambda z: math.tanh(z) - math.tanh(z - 5), False
+    ),
+    "F*sqrt(((x - g)/e)^2 + 1)*e": (lambda z: math.sqrt(z * z + 1), False),
+    "F*e*log(1 + exp((x - g)/e))": (lambda z: float(np.logaddexp(0.0, z)), False),
+    "F*tanh((x_dot - g)/e)": (math.tanh, True),
+    "F*(x_dot - g)/e*exp(-((x_dot - g)/e)^2)": (
+        lambda z: z * math.exp(-min(z * z, 700.0)), True
+    ),
+}  # fmt: skip
+#: So many widths around it, and no less than this length, SciPy's steps are short; elsewhere they
+#: are so long at most that none jumps over all of that.
+REACH, LENGTH, LONGEST = 30.0, 0.04, 0.02
+
+
+def state(
+    force: Callable[[float], float],
+    of_rate: bool,
+    layer: tuple[float, float, float],
+    drive: tuple[float, float, float],
+    start: np.ndarray,
+    t_end: float,
+) -> np.ndarray:
+    """State at ``t_end`` of x'' + c x' + x + f = P sin(w t)."""
+    strength, place, width = layer
+    damping, amplitude, nu = drive
+
+    def operand(y: np.ndarray) -> float:
+        return float((y[1] if of_rate else y[0]) - place) / width
+
+    def rates(t: float, y: np.ndarray) -> list[float]:
+        pushed = amplitude * math.sin(nu * t) - strength * force(operand(y))
+        return [y[1], pushed - damping * y[1] - y[0]]
+
+    def edge(side: float) -> Callable[[float, np.ndarray], float]:
+        def passage(_: float, y: np.ndarray) -> float:
+            return operand(y) - side
+
+        passage.terminal = True  # type: ignore[attr-defined]
+        return passage
+
+    reach = max(REACH, LENGTH / width)
+    edges = [edge(-reach), edge(reach)]
+    t, y = 0.0, start
+    while t < t_end:
+        speed = abs(rates(t, y)[1] if of_rate else y[1]) + abs(strength) + 0.1
+        inside = abs(operand(y)) <= reach * (1 + 1e-6)
+        run = solve_ivp(
+            rates, (t, t_end), y, method="DOP853", rtol=1e-12, atol=1e-14, events=edges,
+            max_step=0.4 * width / speed if inside else LONGEST,
+        )  # fmt: skip
+        t, y = run.t[-1], run.y[:, -1]
+        if t < t_end:
+            # Off the edge, lest the first state count as a passage.
+            off = min(t_end, t + 1e-4 * width)
+            run = solve_ivp(rates, (t, off), y, method="DOP853", rtol=1e-12, atol=1e-14)
+            t, y = run.t[-1], run.y[:, -1]
+    return y
+
+
+def system(rng: np.random.Generator, law: str) -> tuple[vv.PolynomialSystem, dict[str, float]]:
+    """A random oscillator with a layer somewhere in its way, and the layer."""
+    width = 10 ** rng.uniform(-3.5, -2)
+    if LAWS[law][1]:
+        width = 10 ** rng.uniform(-2.5, -1.5)
+    if "log" in law:
+        width = 10 ** rng.uniform(-2, -1)
+    strength = rng.uniform(0.1, 0.4) * (1 if LAWS[law][1] else rng.choice([-1, 1]))
+    if "exp(-" in law or "/(1 +" in law or "- 5)" in law:
+        # Of a bump the impulse counts.
+        strength *= 0.1 / max(width, 1e-3)
+    if law.startswith("F*(x_dot"):
+        # Else the rate would stay in it.
+        strength *= -0.3
+    values = {"F": float(strength), "g": rng.uniform(-0.5, 0.7), "e": float(width)}
+    damping = rng.uniform(0.01, 0.1)
+    one = vv.PolynomialSystem(mass=1, stiffness=1, damping=damping, forces=law, parameters=values)
+    return one, values | {"c": damping}
+
+
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("law", LAWS)
+def test_runs_see_them(law: str, seed: int) -> None:
+    """The default run is right within what it says, wherever the layer is and however thin."""
+    rng = np.random.default_rng([list(LAWS).index(law), seed])
+    one, values = system(rng, law)
+    start, load, nu, t_end = rng.uniform(-1, 1, 2), rng.uniform(0.1, 1), rng.uniform(0.3, 2), 6.0
+    run = vv.simulate(one, t_end, initial=start, load=load, nu=nu)
+    assert run.outcome == "completed"
+    force, of_rate = LAWS[law]
+    factor = values["e"] if "sqrt" in law or "log" in law else 1.0
+    true = state(
+        force, of_rate, (values["F"] * factor, values["g"], values["e"]),
+        (values["c"], load, nu), start, t_end,
+    )  # fmt: skip
+    assert run.error < 1e-8
+    assert np.abs(run.state[-1] - true).max() < max(3 * run.error, 1e-9)
+
+
+def test_given_steps_are_made_in_parts_where_a_layer_is_thinner() -> None:
+    """A bump between all nodes of all steps: a run of given steps sees it."""
+    bump = {"forces": "F*exp(-((x - g)/e)^2)", "parameters": {"F": -40.0, "g": 0.43, "e": 2e-3}}
+    with_bump = vv.PolynomialSystem(mass=1, stiffness=1, damping=0.02, **bump)
+    run = vv.simulate(with_bump, 6, initial=[0.0, 1.0], dt=0.05)
+    true = state(
+        LAWS["F*exp(-((x - g)/e)^2)"][0], False, (-40.0, 0.43, 2e-3), (0.02, 0.0, 1.0),
+        np.array([0.0, 1.0]), 6.0,
+    )  # fmt: skip
+    assert np.abs(run.state[-1] - true).max() < 1e-9
+    free = vv.simulate(vv.PolynomialSystem(mass=1, stiffness=1, damping=0.02), 6,
+                       initial=[0.0, 1.0], dt=0.05)  # fmt: skip
+    assert np.abs(run.state[-1] - free.state[-1]).max() > 1e-3
+
+
+def test_a_wide_layer_costs_nothing() -> None:
+    """Where a polynomial follows the law in whole steps these stay whole."""
+    wide = vv.PolynomialSystem(mass=1, stiffness=1, damping=0.02, forces="0.3*tanh(x/0.5)")
+    run = vv.simulate(wide, 20, initial=[0.0, 1.0], dt=0.05)
+    assert run.stats["evaluations"] < 2 * 402
