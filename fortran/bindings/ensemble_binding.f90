@@ -2,12 +2,13 @@
 
 !> Many runs from time 0; run i with the load's frequency nu(i), the scales(:,i) of
 !! `viscovib_lane_motion` and the step h(i); own: what is scaled of stiffness and damping. The
-!! system and its load as in polynomial_binding, all else as in `pendulum_ensemble`.
+!! system and its load as in polynomial_binding, all else as in `pendulum_ensemble`; missed(i) /= 0:
+!! steps of run i may have missed a thin layer of a force.
 subroutine polynomial_ensemble(flat, n_flat, orders, series, n_rows, n_series, own, nu, scales, n, &
                                initial, h, method, n_steps, n_discard, sample_every, &
                                section_every, n_sections, n_moments, n_exponents, lines, n_lines, &
                                n_section_runs, cancel, state, ended, t_reached, peak, mean, rms, &
-                               amplitudes, sections, lyapunov, status)
+                               amplitudes, sections, lyapunov, missed, status)
   use, intrinsic :: iso_c_binding, only: c_double, c_double_complex, c_int, c_long
   use viscovib_binding_tools, only: make_load, report
   use viscovib_ensemble, only: ensemble_block, ensemble_job, run_block
@@ -32,7 +33,7 @@ subroutine polynomial_ensemble(flat, n_flat, orders, series, n_rows, n_series, o
   real(c_double), intent(out) :: state(2*n_rows - 2, n), lyapunov(n_exponents, n)
   complex(c_double_complex), intent(out) :: amplitudes(n_rows - 1, n_lines, n)
   real(c_double), intent(inout) :: sections(2*n_rows - 2, n_sections, n_section_runs)
-  integer(c_int), intent(out) :: ended(n), status
+  integer(c_int), intent(out) :: ended(n), missed(n), status
   real(c_double), intent(out) :: t_reached(n)
   !f2py threadsafe
   type(polynomial_type) :: system
@@ -52,6 +53,7 @@ subroutine polynomial_ensemble(flat, n_flat, orders, series, n_rows, n_series, o
   job%n_exponents = n_exponents
   job%lines = lines
   ended = 0
+  missed = 0
   t_reached = 0.0_c_double
   call polynomial_from_vector(system, flat, outcome)
   if (.not. outcome%failed()) call make_load(load, orders, series, outcome)
@@ -65,6 +67,9 @@ subroutine polynomial_ensemble(flat, n_flat, orders, series, n_rows, n_series, o
       block%frequencies(l, :) = nu(i)
     end do
     call run_block(job, motion, block, cancel(1))
+    do l = 1, min(n_lanes, n - first + 1)
+      if (block%missed(l)) missed(first + l - 1) = 1
+    end do
     call empty_block(block, first, state, ended, t_reached, peak, mean, rms, amplitudes, sections, &
                      lyapunov)
     if (is_set(cancel(1))) exit

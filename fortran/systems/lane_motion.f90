@@ -60,6 +60,7 @@ contains
     motion%n_dof = n
     motion%monomials = system%monomials
     motion%laws = system%laws
+    call motion%layers%find(system%laws)
     motion%orders = load%orders
     motion%drives = [0.0_wp, 0.0_wp]
     motion%quarters = [0, 3]

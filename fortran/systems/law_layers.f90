@@ -24,6 +24,10 @@ module viscovib_law_layers
 
   public :: law_layers
 
+  !> How many times as far as a polynomial follows an operand may go in a step: nodes of a step are
+  !! not further apart than a fifth of it, and are within such a layer then.
+  real(wp), parameter, public :: unseen = 20.0_wp
+
   !> An instruction, and its operand, of which it must see enough values.
   type :: layer_type
     integer :: code = 0
@@ -155,6 +159,11 @@ contains
                                                         of_parabola(layer%code, places, z))
       return
     end if
+    ! Where all values together are followed, those of each step are.
+    low = minval(z)
+    high = maxval(z)
+    thinness = of_range(layer%code, z, 1.5_wp*low - 0.5_wp*high, 1.5_wp*high - 0.5_wp*low, 0.0_wp)
+    if (thinness > 0.0_wp .and. thinness <= unseen) return
     thinness = 0.0_wp
     do i = 1, size(z) - 1
       first = max(i - 1, 1)

@@ -7,6 +7,7 @@ module viscovib_ensemble
   use viscovib_kinds, only: i8, wp
   use viscovib_lane_statistics, only: lines_type, moments_type, new_lines, new_moments
   use viscovib_lanes, only: n_lanes
+  use viscovib_layer_watch, only: layer_watch
   use viscovib_run_history, only: run_history
   use viscovib_stopping, only: is_set
   use viscovib_subnormals, only: flushing_type
@@ -53,6 +54,8 @@ module viscovib_ensemble
     !> Mean rates of growth of small disturbances, shape (n_lanes, n_exponents); NaN of a motion
     !! that stops.
     real(wp), allocatable :: lyapunov(:, :)
+    !> Whether steps may have missed a thin layer of a force.
+    logical :: missed(n_lanes) = .false.
   end type ensemble_block
 
   !> A block on its way: where its lanes are, how near to a stop, and what is gathered.
@@ -99,18 +102,21 @@ contains
     integer, intent(inout) :: cancel
     type(flight_type) :: f
     type(flushing_type) :: flushing
+    type(layer_watch) :: layers(n_lanes)
     integer(i8) :: i
     integer :: n
 
     n = motion%n_dof
     call flushing%begin()
     call take_off(f, job, system, n, block)
+    call watch_layers(f, motion, block, 0_i8, layers)
     do i = 1, job%n_steps
       if (mod(i, int(patience, i8)) == 0) then
         if (is_set(cancel)) exit
         if (.not. any(f%alive)) exit
       end if
       call make_step(f, job, system, motion, block, i)
+      if (layers(1)%on) call watch_layers(f, motion, block, i, layers, i == job%n_steps)
       if (system%n_dof > n .and. (mod(i, int(rescaling, i8)) == 0 .or. i == job%n_discard &
                                   .or. i == job%n_steps)) call rescale(f, i <= job%n_discard)
       if (i <= job%n_discard) cycle
@@ -126,6 +132,29 @@ contains
     end do
     call land(f, job, block)
   end subroutine run
+
+  !> Which lanes may have missed a thin layer of a force until step i.
+  subroutine watch_layers(f, motion, block, i, layers, last)
+    type(flight_type), intent(in) :: f
+    class(differentiable_system_type), intent(in) :: motion
+    type(ensemble_block), intent(inout) :: block
+    integer(i8), intent(in) :: i
+    type(layer_watch), intent(inout) :: layers(n_lanes)
+    logical, intent(in), optional :: last
+    real(wp) :: t
+    integer :: l
+
+    do l = 1, n_lanes
+      if (.not. f%alive(l) .or. block%missed(l)) cycle
+      t = real(i, wp)*block%h(l)
+      if (i == 0) then
+        call layers(l)%begin(motion, t, f%q(l, :f%n), f%v(l, :f%n))
+        cycle
+      end if
+      call layers(l)%see(motion, t, f%q(l, :f%n), f%v(l, :f%n), block%missed(l))
+      if (last .and. .not. block%missed(l)) block%missed(l) = layers(l)%look(motion)
+    end do
+  end subroutine watch_layers
 
   !> Everything as it is at time 0.
   subroutine take_off(f, job, system, n, block)

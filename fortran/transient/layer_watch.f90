@@ -6,16 +6,14 @@
 module viscovib_layer_watch
   use viscovib_driven_system, only: driven_system_type
   use viscovib_kinds, only: wp
+  use viscovib_law_layers, only: unseen
   implicit none
   private
 
-  public :: layer_watch, unseen
+  public :: layer_watch
 
   !> States looked at together; two are shared with those before.
   integer, parameter :: n_states = 64, n_shared = 2
-  !> How many times as far as a polynomial follows an operand may go in a step: nodes of a step are
-  !! not further apart than a fifth of it, and are within such a layer then.
-  real(wp), parameter :: unseen = 20.0_wp
 
   type :: layer_watch
     logical :: on = .false.

@@ -36,7 +36,7 @@ module viscovib_watch
     !> Passages that count: upwards 1, downwards -1, 0 both; whether the run ends there.
     integer, allocatable :: direction(:)
     logical, allocatable :: terminal(:)
-    !> On which side of 0 each signal was last, 0: it had no value yet; and its largest value so far.
+    !> On which side of 0 each signal was last, 0: it had no value yet; its largest value so far.
     integer, allocatable :: sides(:)
     real(wp), allocatable :: largest(:)
     !> What was found: signal and time, and states, shapes (n) and (2 n_dof, n).

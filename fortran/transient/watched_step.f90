@@ -11,7 +11,7 @@ module viscovib_watched_step
   use viscovib_event_search, only: first_passage, signal_along
   use viscovib_kinds, only: wp
   use viscovib_law_branches, only: slides, watched_function
-  use viscovib_layer_watch, only: unseen
+  use viscovib_law_layers, only: unseen
   use viscovib_step_path, only: step_path
   use viscovib_stepper, only: stepper_type
   use viscovib_stops, only: in_range, needs_small_steps

@@ -139,3 +139,21 @@ def test_a_wide_layer_costs_nothing() -> None:
     wide = vv.PolynomialSystem(mass=1, stiffness=1, damping=0.02, forces="0.3*tanh(x/0.5)")
     run = vv.simulate(wide, 20, initial=[0.0, 1.0], dt=0.05)
     assert run.stats["evaluations"] < 2 * 402
+
+
+@pytest.mark.parametrize("law", LAWS)
+def test_ensembles_see_them(law: str) -> None:
+    """Side by side none may be missed either: such runs go by themselves."""
+    rng = np.random.default_rng([list(LAWS).index(law), 100])
+    one, _ = system(rng, law)
+    starts, nu = rng.uniform(-1, 1, (9, 2)), np.linspace(0.4, 1.8, 9)
+    many = vv.simulate_ensemble(one, initial=starts, t_end=6.0, load=0.5, parameters={"nu": nu})
+    for i in range(9):
+        run = vv.simulate(one, 6.0, initial=starts[i], load=0.5, nu=nu[i])
+        assert np.abs(run.state[-1] - many.state[i]).max() < max(3 * many.error, 1e-9)
+
+
+def test_wide_layers_stay_side_by_side() -> None:
+    wide = vv.PolynomialSystem(mass=1, stiffness=1, damping=0.1, forces="0.3*tanh(x_dot/0.1)")
+    many = vv.simulate_ensemble(wide, initial=np.ones((9, 2)), t_end=6.0, load=0.5, nu=1.0)
+    assert "8 side by side" in str(many.plan)

@@ -75,7 +75,8 @@ def simulate_ensemble(
     system : Pendulum, PolynomialSystem, Structure or Mount
         Any system that `simulate` takes. Pendulums, and systems without memory, of at most 6
         coordinates, with smooth laws, go eight side by side in the vector unit; all others
-        (kinks, jumps, stops, hysteresis, kernels, more coordinates, finite rotations) run by run.
+        (kinks, jumps, stops, hysteresis, kernels, more coordinates, finite rotations) run by run,
+        and so do those that meet layers of laws thinner than steps.
     initial : array_like, shape (n, 2 n_dof) or (2 n_dof,)
         States at t = 0, or one for all.
     t_end : float

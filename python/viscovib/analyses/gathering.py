@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from threading import Lock
 from typing import Any
 
 import numpy.typing as npt
@@ -48,7 +49,17 @@ def members_of(
     few = None if surface is not None else side_by_side(system, given, bool(lyapunov))
     if few is None:
         return SingleMembers(system, initial, given, load, nu, method, surface)
-    return PolynomialMembers(few, initial, given, load, nu, method)
+    made: list[Members] = []
+    lock = Lock()
+
+    def alone() -> Members:
+        # Pieces of an ensemble are made by several threads.
+        with lock:
+            if not made:
+                made.append(SingleMembers(few, initial, given, load, nu, method, None))
+        return made[0]
+
+    return PolynomialMembers(few, initial, given, load, nu, method, alone)
 
 
 def side_by_side(

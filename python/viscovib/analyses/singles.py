@@ -21,7 +21,7 @@ from viscovib.analyses.events import Event, Watch
 from viscovib.analyses.members import Members, shared_runs
 from viscovib.analyses.neighbours import exponents_of
 from viscovib.analyses.resume import known
-from viscovib.analyses.runs import Run, Wanted
+from viscovib.analyses.runs import Run, ThinLayers, Wanted
 from viscovib.analyses.structure_motion import goes_condensed
 from viscovib.analyses.transient import Acting, kept_by, observed, runs_of
 from viscovib.errors import InputError
@@ -73,6 +73,8 @@ class SingleMembers(Members):
         surface: Event | None,
     ) -> None:
         self.system, self.surface, self.method = system, surface, method
+        #: Of each run, whatever its step.
+        self.layers: dict[int, ThinLayers] = {}
         if surface is not None and surface.terminal:
             raise InputError("sections: terminal = True: an event that ends a run is no section")
         self.load, self.given_nu = load, nu
@@ -148,7 +150,9 @@ class SingleMembers(Members):
         watch = None
         if self.surface is not None and moved is None:
             watch = Watch.checked([self.surface], observed(make(1.0)), "sections")
-        return known(make, watch=watch)(h)
+        run = known(make, watch=watch)(h)
+        run.layers = self.layers.setdefault(i, ThinLayers())
+        return run
 
     def load_frequencies(self, sections: int) -> tuple[str, FloatArray]:
         """Return those of the load."""
