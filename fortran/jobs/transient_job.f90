@@ -427,6 +427,8 @@ contains
     call new_stepper(stepper, self%system, job%method, job%initial(1::2), job%initial(2::2), &
                      0.0_wp, trajectory%h, job%solved())
     allocate (states(size(job%initial), merge(0_i8, n/every, job%last_only)))
+    self%system%longest = max(self%system%longest, trajectory%h)
+    self%system%thin = trajectory%h/self%system%longest
     call simulate(stepper, self%system, 0_i8, n, every, no_times, states, no_states, &
                   trajectory%n_steps, n_reached, trajectory%t_reached, trajectory%outcome, &
                   watch=trajectory%watch)

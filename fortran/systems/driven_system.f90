@@ -48,6 +48,8 @@ module viscovib_driven_system
     logical :: in_parts = .false.
     !> How many times as far as a polynomial follows what a layer depends on may go in a part.
     real(wp) :: thin = 1.0_wp
+    !> The longest step of the runs of a search; those in shorter ones have parts as much shorter.
+    real(wp) :: longest = 0.0_wp
     !> Length of the steps of a run.
     real(wp) :: step_length = 0.0_wp
     !> On which side of each the motion is when a run begins again, and which it is on; not

@@ -156,6 +156,7 @@ class PolynomialRun(Run):
     """A run of a polynomial system without memory."""
 
     counts = "evaluations"
+    sees_layers = True
     system: PolynomialSystem
 
     def __init__(

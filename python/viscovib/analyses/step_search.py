@@ -17,7 +17,10 @@ from viscovib.analyses.accuracy import Accuracy, most_states, parts_for_peaks, r
 from viscovib.analyses.runs import LOCATED, NotMetError, difference, hopeless, told_in_one_way
 from viscovib.common.plan import Plan
 from viscovib.results.trajectory import Trajectory
+from viscovib.systems.law_poles import Layer
 
+#: Steps up to which a layer of a law is gone after.
+_MOST_STEPS = 1 << 16
 #: Steps before a stop that two runs must differ by: a first step with memory ends as the second
 #: of half its length does, and what follows a step that fails is found by steps of its own.
 _FEW = 4
@@ -80,6 +83,11 @@ def by_tolerance(
         change = difference(ends_before, ends)
         if "completed" == coarse.outcome == fine.outcome:
             if agree(ends_before, ends, want):
+                unseen = _unseen_layer(fine)
+                if unseen is not None:
+                    factor = _seeing(unseen, fine, factor, n, want)
+                    before, coarse, held = ends_before, make(factor, parts), parts
+                    continue
                 told = partial(_plan_of, first, want)
                 needed = parts_for_peaks(ends) if dense and not _keeps_all(fine) else 1
                 if needed > parts:
@@ -111,10 +119,32 @@ def by_tolerance(
             return _found(ends, change, partial(_plan_of, first, want))
         changes.append(change)
         before, coarse, held = ends_before, fine, parts
+        if hopeless(changes) and fine.outcome == "completed":
+            unseen = _unseen_layer(fine)
+            if unseen is not None:
+                changes.clear()
+                factor = _seeing(unseen, fine, factor, n, want)
+                coarse = make(factor, parts)
     raise NotMetError(
         f"{want}: not met with {n * factor} steps (states still change by {changes[-1]:.1e}): "
         f"{reason(told_in_one_way(before, ends), ends, want)}"
     )
+
+
+def _unseen_layer(run: Trajectory) -> Layer | None:
+    """A layer of a law that no step of a run need lie in, so that two runs agree without it."""
+    if run._resume is None or run._resume.sees_layers:
+        return None
+    layer = run._layer()
+    return None if layer is None or layer.takes >= run.step else layer
+
+
+def _seeing(layer: Layer, run: Trajectory, factor: int, n: int, want: Accuracy) -> int:
+    """By what to shorten the first of n steps for one to lie in a layer that a run missed."""
+    factor *= 2 ** max(math.ceil(math.log2(run.step / layer.takes)), 1)
+    if n * factor > _MOST_STEPS:
+        raise NotMetError(f"{want}: not met with {n * factor} steps: {layer.told()}")
+    return factor
 
 
 def _with_more_states(

@@ -20,7 +20,14 @@ from viscovib.common.results import Number, Panel, Result, named, span
 from viscovib.common.tables import Table, listed_units
 from viscovib.errors import InputError
 from viscovib.systems.law_ends import law_end as end_of_law, told_edges
-from viscovib.systems.law_poles import has_laws, law_pole, layer_between, pole_between, told_pole
+from viscovib.systems.law_poles import (
+    Layer,
+    has_laws,
+    law_pole,
+    layer_between,
+    pole_between,
+    told_pole,
+)
 from viscovib.systems.mount import Mount
 from viscovib.systems.pendulum import Pendulum
 from viscovib.systems.polynomial_system import PolynomialSystem
@@ -242,11 +249,15 @@ class Trajectory(Result):
 
     def _layer_passed(self, rows: slice = slice(None)) -> str | None:
         """A sentence about the largest change of a law that no state kept is within."""
+        found = self._layer(rows)
+        return None if found is None else found.told()
+
+    def _layer(self, rows: slice = slice(None)) -> Layer | None:
+        """The change itself."""
         t = self.t[rows]
         if t.size < 2 or not has_laws(self.system):
             return None
-        found = layer_between(self.system, self._read_by_laws(rows), t)
-        return None if found is None else found.told()
+        return layer_between(self.system, self._read_by_laws(rows), t)
 
     def _read_by_laws(self, rows: slice) -> tuple[FloatArray, FloatArray]:
         """What laws read of the states kept, and its rates."""
