@@ -12,6 +12,8 @@ module viscovib_motion_norm
   type :: newton_factors
     real(wp), allocatable :: lu(:, :)
     integer, allocatable :: pivots(:)
+    !> Relative size of the last correction where rounding kept it above the tolerance; else 0.
+    real(wp) :: rounding = 0.0_wp
   end type newton_factors
 
 contains

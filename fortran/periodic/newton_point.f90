@@ -23,6 +23,10 @@ module viscovib_newton_point
   !> Corrections that no longer shrink by this are rounding, if they are as small as rounding can
   !> be where stiffnesses lie far apart.
   real(wp), parameter :: shrinking = 0.7_wp, small_enough = 1.0e-5_wp
+  !> Rounding of forces, sums of many products, in units of the largest term.
+  real(wp), parameter :: rounded = 30.0_wp*epsilon(1.0_wp)
+  !> What part of the most that rounding may do it usually does.
+  real(wp), parameter :: usual = 0.1_wp
   !> Points of a branch in the load where Newton fails at once.
   integer, parameter :: max_load_points = 400
 
@@ -41,7 +45,8 @@ contains
     integer, intent(out) :: outcome
     !> Added to.
     integer, intent(inout) :: iterations
-    !> Left alone unless the outcome is converged.
+    !> Left alone unless the outcome is converged. With them corrections as small as the rounding
+    !! of forces makes them are enough, and they say how large these are.
     type(newton_factors), intent(inout), optional :: factors
     !> Whether what rounding leaves is enough where that is more than the tolerance.
     logical, intent(in), optional :: to_rounding
@@ -49,9 +54,9 @@ contains
     real(wp), intent(in), optional :: least
     real(wp) :: new(size(x, 1), size(x, 2)), step(size(x, 1), size(x, 2))
     real(wp) :: jacobian(size(x), size(x))
-    real(wp) :: change, before, smallest, norm, besides
+    real(wp) :: change, before, smallest, norm, besides, left, known
     integer :: pivots(size(x)), k
-    logical :: singular, settled
+    logical :: singular, settled, stays
 
     new = x
     besides = 0.0_wp
@@ -77,9 +82,16 @@ contains
         outcome = outcome_overflow
         return
       end if
+      left = max(change, before)
+      stays = k > 4 .and. change > shrinking*before .and. left <= small_enough*norm
       settled = .false.
-      if (present(to_rounding)) settled = to_rounding .and. k > 4 .and. change > shrinking*before &
-                                          .and. max(change, before) <= small_enough*norm
+      if (present(to_rounding)) settled = to_rounding .and. stays
+      if (present(factors) .and. stays .and. .not. settled) then
+        known = rounding_of(balance, system, new, jacobian, pivots)
+        settled = left <= known
+        ! The last corrections are some of many: what they share is not seen in them.
+        left = max(left, usual*known)
+      end if
       before = change
       if (change <= tolerance*norm + besides .or. settled) then
         outcome = outcome_converged
@@ -87,6 +99,7 @@ contains
         if (present(factors)) then
           factors%lu = jacobian
           factors%pivots = pivots
+          factors%rounding = merge(0.0_wp, left/norm, change <= tolerance*norm + besides)
         end if
         return
       end if
@@ -97,6 +110,31 @@ contains
       smallest = min(smallest, change)
     end do
   end subroutine newton_point
+
+  !> How large rounding of the forces makes corrections, in the norm of `weighted_norm`: each
+  !! equation is wrong by `rounded` times its largest term in any order, as samples share their
+  !! errors among all orders, with signs in no order.
+  real(wp) function rounding_of(balance, system, x, lu, pivots) result(most)
+    type(balance_type), intent(inout) :: balance
+    class(oscillator_type), intent(in) :: system
+    real(wp), intent(in) :: x(:, :)
+    !> Factors of the derivatives near x.
+    real(wp), intent(in) :: lu(:, :)
+    integer, intent(in) :: pivots(:)
+    real(wp) :: derivatives(size(x), size(x)), moved(size(x, 1), size(x, 2))
+    integer :: i, d
+
+    call balance%derivatives(system, derivatives)
+    moved = reshape(matmul(abs(derivatives), abs(reshape(x, [size(x)]))), shape(x))
+    do d = 1, size(x, 2)
+      moved(:, d) = rounded*maxval(moved(:, d))
+      do i = 1, size(x, 1)
+        moved(i, d) = sign(moved(i, d), cos(real((i + d)**2, wp)))
+      end do
+    end do
+    call solve(size(x), lu, pivots, moved)
+    most = weighted_norm(system, moved)
+  end function rounding_of
 
   !> Solve from the linear response, or, where that is too far away, by following
   !! the branch from no load to the whole, through folds if need be.

@@ -69,7 +69,9 @@ contains
                                  change, choice%truncation, outside)
       end associate
       choice%solved = rung
-      allowed = ladder%allowed(tolerance, weighted_norm(system, x))
+      ! No order brings the motion nearer than rounding lets it be known.
+      choice%truncation = max(choice%truncation, factors%rounding)
+      allowed = max(ladder%allowed(tolerance, weighted_norm(system, x)), factors%rounding)
       if (choice%truncation <= allowed .or. rung == ladder%n_rungs) exit
       if (choice%truncation > 0.5_wp*previous .and. outside <= allowed) vain = vain + 1
       if (vain >= max_vain) exit

@@ -82,7 +82,8 @@ class Response(PeriodicMotions, Result):
     truncation : ndarray, shape (n,)
         Estimated relative error of leaving out higher orders; 0 for a linear response, which
         lacks none: the largest change of any order, by the residual of those left out and what
-        they do to those kept, in the norm of ``tolerance``.
+        they do to those kept, in the norm of ``tolerance``. Where rounding keeps the corrections
+        of Newton's method above the tolerance, at least what rounding does.
     method : str
         The method that ran.
     plan : Plan
