@@ -87,7 +87,10 @@ def goes_as_pendulum(
     if system._active_kernels or not _native.is_auto(memory):
         return False
     plain = load is None or type(load) is float
-    highest = max(load, default=0) if not plain and isinstance(load, Mapping) else 1
+    # Forces by the names of coordinates are of order 1.
+    orders: list[Any] = list(load) if not plain and isinstance(load, Mapping) else []
+    orders = [1 if isinstance(order, str) else order for order in orders]
+    highest = max(orders, default=0)
     return (
         len(system.dof_names) <= MAX_DOF
         and isinstance(method, str)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -15,7 +15,12 @@ from viscovib.errors import InputError
 
 #: What ``load`` may be: P on x; a vector over the coordinates; forces by the names of coordinates;
 #: or {order: any of these}.
-LoadLike = complex | npt.ArrayLike | Mapping[int, complex | npt.ArrayLike]
+LoadLike = (
+    complex
+    | npt.ArrayLike
+    | Mapping[str, complex]
+    | Mapping[int, complex | npt.ArrayLike | Mapping[str, complex]]
+)
 
 _MAX_ORDER = 100_000
 
@@ -83,6 +88,11 @@ def load_series(
     return np.array(orders or [1], dtype=np.int32), series
 
 
+def name_places(names: Sequence[str]) -> dict[str, int]:
+    """Places of coordinates by their names."""
+    return {name: place for place, name in enumerate(names)}
+
+
 def base_by_order(base: Any) -> dict[Any, Any]:
     """Motions of a base by their orders; a number, a vector or names are order 1."""
     if base is None:
@@ -112,7 +122,7 @@ def oscillator_series(
     """
     terms, n = base_by_order(base), len(system.dof_names)
     along = {order: term for order, term in terms.items() if not in_components(term)}
-    orders, series = load_series(load, along or None, n)
+    orders, series = load_series(load, along or None, n, name_places(system.dof_names))
     if len(along) == len(terms):
         return orders, series
     names: tuple[str, ...] = system._base_names

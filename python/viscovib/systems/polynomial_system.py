@@ -18,7 +18,7 @@ from viscovib.kernels.relaxation import Kernel
 from viscovib.systems.characteristic import CharacteristicRoots, characteristic_roots
 from viscovib.systems.condensed import Condensation, LoadedStructure
 from viscovib.systems.laws import parameter_values
-from viscovib.systems.load import LoadLike, load_series
+from viscovib.systems.load import LoadLike, load_series, name_places
 from viscovib.systems.mount import check_dynamic_frequencies, warn_of_creep
 from viscovib.systems.spring_groups import (
     Monomial,
@@ -215,7 +215,7 @@ class PolynomialSystem:
         """The condensed system under a load."""
         assert self._condensation is not None
         n = len(self.dof_names)
-        orders, series = load_series(load, base, n)
+        orders, series = load_series(load, base, n, name_places(self.dof_names))
         direction = self._base_direction
         inertia = np.zeros(n) if direction is None else self._mass_matrix @ direction
         return LoadedStructure.of(self._condensation, orders, series, inertia, direction)
