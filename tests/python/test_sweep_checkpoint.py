@@ -239,6 +239,71 @@ def test_sets_in_the_code_are_the_same_in_another_process(tmp_path):
     assert len(said) == 1
 
 
+#: Where a sweep's function lies and how it finds the law, which another module has.
+WAYS = {
+    "from": ("from {laws} import law", "return law(a) * b"),
+    "module": ("import {laws}", "return {laws}.law(a) * b"),
+    "deep": ("import {laws}", "return {laws}.twice(a) * b"),
+    "inside": ("", "from {laws} import law\n    return law(a) * b"),
+    "inside module": ("", "import {laws} as its\n    return its.law(a) * b"),
+    "class": ("from {laws} import Spring", "return Spring(2.0).force(a) * b"),
+    "object": ("from {laws} import SPRING", "return SPRING.force(a) * b"),
+    "number": ("from {laws} import law", "return law(a) * b"),
+}
+LAWS = """
+from helper_of_{laws} import power
+import numpy as np
+K = {number}
+def law(x):
+    return K * power(x)
+def twice(x):
+    return 2 * law(x)
+def unused(x):
+    return {unused}
+class Spring:
+    def __init__(self, k):
+        self.k = k
+    def force(self, x):
+        return self.k * law(x)
+SPRING = Spring(3.0)
+"""
+
+
+def describe_apart(folder, name, way, *, power="x**3", number=2.0, unused="x"):
+    """What the function is in a process of its own, after an edit of the modules it names."""
+    begin, body = (text.format(laws=name) for text in WAYS[way])
+    (folder / f"helper_of_{name}.py").write_text(f"def power(x):\n    return {power}\n")
+    (folder / f"{name}.py").write_text(LAWS.format(laws=name, number=number, unused=unused))
+    (folder / "begin.py").write_text(
+        f"import sys\nsys.dont_write_bytecode = True\n{begin}\n"
+        f"def of(a, b):\n    {body}\n"
+        "from viscovib.common.fingerprint import describe\nprint(describe(of))\n"
+    )
+    done = subprocess.run(
+        [sys.executable, "begin.py"], cwd=folder, check=True, timeout=60, capture_output=True
+    )
+    return done.stdout
+
+
+@pytest.mark.parametrize("way", WAYS)
+def test_edits_of_modules_that_a_function_names_are_seen(tmp_path, way):
+    """Whichever way it names them; not of what it does not use, nor of words about it."""
+    first = describe_apart(tmp_path, "laws", way)
+    assert describe_apart(tmp_path, "laws", way) == first
+    assert describe_apart(tmp_path, "laws", way, unused="x + 1") == first
+    assert describe_apart(tmp_path, "laws", way, number=2.5) != first
+    assert describe_apart(tmp_path, "laws", way, power="x**5") != first
+
+
+def test_functions_that_call_each_other_are_described():
+    """In rings and chains as long as one likes."""
+    space = {"__name__": "__main__"}
+    n = 3000
+    chain = "\n".join(f"def f{i}(x): return f{(i + 1) % n}(x)" for i in range(n))
+    exec(chain, space)
+    assert fingerprint.describe(space["f0"]) == fingerprint.describe(space["f0"])
+
+
 def test_another_scene_is_refused_by_its_key(tmp_path):
     folder, copy = tmp_path / "c", tmp_path / "scene.nml"
     text = PAPER.read_text()

@@ -1,22 +1,30 @@
 """What a function is, in a form that can be compared after a restart.
 
 A checkpoint must not be filled by another function than the one that began it. Compared are the
-compiled code, default arguments, closure variables and the globals that the code names: functions
-of the same module by their own code, other functions and modules by name, data by content.
+compiled code, default arguments, closure variables and the globals that the code names, what it
+takes from modules or imports itself too. Functions and classes of your own modules count by their
+code, wherever they are, and so do those that they name; those of installed packages and of Python
+by name; data by content.
 """
 
 import dataclasses
 import dis
 import functools
 import hashlib
+import importlib
 import sys
+import sysconfig
 import types
 from collections.abc import Callable, Mapping
+from contextlib import suppress
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 _DEEPEST = 12
+_OF_PYTHON = [Path(sysconfig.get_path(name)).resolve() for name in ("stdlib", "platstdlib")]
+_CLASS_DATA = (int, float, complex, str, bytes, tuple, list, dict, np.ndarray)
 _PLAIN = (int, float, complex, str, bytes, bool, type(None), type(Ellipsis))
 
 
@@ -48,48 +56,111 @@ def describe(function: Callable[..., Any]) -> dict[str, str]:
 
 
 def digest(value: object, module: str | None = None) -> str:
-    """Digest of a value by its content; functions of ``module`` by their code."""
+    """Digest of a value by its content; functions of ``module`` by their code, installed or not."""
     feed = hashlib.sha256()
-    _walk(value, feed.update, module, (), 0)
+    walk = _Walk(feed.update, module)
+    walk.to(value, (), 0)
+    # One after the other: functions that call each other make long chains.
+    for function in walk.waiting:
+        walk.enter(function)
     return feed.hexdigest()[:24]
 
 
-def _walk(
-    value: Any, put: Callable[[bytes], None], module: str | None, above: tuple[int, ...], depth: int
-) -> None:
-    if isinstance(value, _PLAIN):
-        put(f"{type(value).__name__}:{value!r};".encode())
-        return
-    put(f"{type(value).__module__}.{type(value).__qualname__}(".encode())
-    if id(value) in above or depth > _DEEPEST:
-        put(b"...)")
-        return
-    above, depth = (*above, id(value)), depth + 1
-    if isinstance(value, (np.ndarray, np.generic)):
-        array = np.asarray(value)
-        put(f"{array.dtype.str}{array.shape}".encode())
-        plain = array.dtype.hasobject or array.dtype.kind == "T"
-        put(repr(array.tolist()).encode() if plain else np.ascontiguousarray(array).tobytes())
-    elif isinstance(value, Mapping):
-        for key, item in value.items():
-            _walk(key, put, module, above, depth)
-            _walk(item, put, module, above, depth)
-    elif isinstance(value, (set, frozenset)):
-        for text in sorted(digest(item, module) for item in value):
-            put(text.encode())
-    elif isinstance(value, (list, tuple)):
-        for item in value:
-            _walk(item, put, module, above, depth)
-    elif isinstance(value, types.FunctionType) and value.__module__ == module:
-        put(_code(value.__code__).encode())
-        around = _defaults(value) | _surroundings(value)
-        _walk(around, put, module, above, depth)
-    elif isinstance(value, (types.ModuleType, type)) or (callable(value) and not _state(value)):
-        name = getattr(value, "__qualname__", getattr(value, "__name__", ""))
-        put(f"{getattr(value, '__module__', '')}.{name}".encode())
-    else:
-        _walk(_state(value) or repr(value).split(" at 0x")[0], put, module, above, depth)
-    put(b")")
+@dataclasses.dataclass
+class _Walk:
+    """The way through a value and all that it holds."""
+
+    put: Callable[[bytes], None]
+    #: Whose functions count by their code wherever it is.
+    module: str | None
+    #: Functions and classes that were met, each of them once.
+    waiting: list[Any] = dataclasses.field(default_factory=list)
+
+    def to(self, value: Any, above: tuple[int, ...], depth: int) -> None:
+        put = self.put
+        if isinstance(value, _PLAIN):
+            put(f"{type(value).__name__}:{value!r};".encode())
+            return
+        put(f"{type(value).__module__}.{type(value).__qualname__}(".encode())
+        if id(value) in above or depth > _DEEPEST:
+            put(b"...)")
+            return
+        above, depth = (*above, id(value)), depth + 1
+        if isinstance(value, (np.ndarray, np.generic)):
+            array = np.asarray(value)
+            put(f"{array.dtype.str}{array.shape}".encode())
+            plain = array.dtype.hasobject or array.dtype.kind == "T"
+            put(repr(array.tolist()).encode() if plain else np.ascontiguousarray(array).tobytes())
+        elif isinstance(value, Mapping):
+            for key, item in value.items():
+                self.to(key, above, depth)
+                self.to(item, above, depth)
+        elif isinstance(value, (set, frozenset)):
+            for text in sorted(digest(item, self.module) for item in value):
+                put(text.encode())
+        elif isinstance(value, (list, tuple)):
+            for item in value:
+                self.to(item, above, depth)
+        elif isinstance(value, (types.FunctionType, type)) and self._is_own(value.__module__):
+            self._meet(value)
+        elif isinstance(value, (types.ModuleType, type)) or (callable(value) and not _state(value)):
+            name = getattr(value, "__qualname__", getattr(value, "__name__", ""))
+            put(f"{getattr(value, '__module__', '')}.{name}".encode())
+        else:
+            self.to(_state(value) or repr(value).split(" at 0x")[0], above, depth)
+            if self._is_own(type(value).__module__):
+                self._meet(type(value))
+        put(b")")
+
+    def _is_own(self, name: str | None) -> bool:
+        return name is not None and (name == self.module or _yours(name))
+
+    def _meet(self, value: Any) -> None:
+        self.put(value.__qualname__.encode())
+        if not any(value is other for other in self.waiting):
+            self.waiting.append(value)
+
+    def enter(self, value: Any) -> None:
+        """A function by its code and what it names; a class by what it defines and its bases."""
+        if isinstance(value, types.FunctionType):
+            self.put(_code(value.__code__).encode())
+            self.to(_defaults(value) | _surroundings(value), (), 0)
+            return
+        for base in value.__bases__:
+            self.to(base, (), 0)
+        for name, item in sorted(vars(value).items()):
+            for part in _parts(item):
+                data = isinstance(part, _CLASS_DATA) and not name.startswith("__")
+                method = isinstance(part, types.FunctionType)
+                if data or (method and part.__module__ == value.__module__):
+                    self.put(name.encode())
+                    self.to(part, (), 0)
+
+
+def _parts(item: Any) -> tuple[Any, ...]:
+    """Functions of what a class defines, or the thing itself."""
+    if isinstance(item, (staticmethod, classmethod)):
+        return (item.__func__,)
+    if isinstance(item, property):
+        return (item.fget, item.fset, item.fdel)
+    if isinstance(item, functools.cached_property):
+        return (item.func,)
+    return (item,)
+
+
+@functools.cache
+def _yours(name: str) -> bool:
+    """Whether a module is neither installed nor of Python: its code may change under one name."""
+    if name.partition(".")[0] == "viscovib":
+        return False
+    file = getattr(sys.modules.get(name), "__file__", None)
+    if file is None:
+        return name == "__main__"
+    path = Path(file).resolve()
+    return not (
+        {"site-packages", "dist-packages"} & set(path.parts)
+        or any(path.is_relative_to(place) for place in _OF_PYTHON)
+    )
 
 
 def _state(value: Any) -> dict[str, Any]:
@@ -133,7 +204,8 @@ def _defaults(function: types.FunctionType) -> dict[str, Any]:
 def _surroundings(function: types.FunctionType) -> dict[str, Any]:
     """Closure variables and globals by name; names that stand for nothing are left out."""
     found: dict[str, Any] = {}
-    for name in sorted(_names(function.__code__)):
+    named, attributes, imported = _names(function.__code__)
+    for name in sorted(named):
         if name in function.__globals__:
             found[name] = function.__globals__[name]
     for name, cell in zip(function.__code__.co_freevars, function.__closure__ or (), strict=True):
@@ -141,16 +213,47 @@ def _surroundings(function: types.FunctionType) -> dict[str, Any]:
             found[name] = cell.cell_contents
         except ValueError:
             continue
+    for level, name in sorted(imported):
+        # What cannot be imported says so when the function is called.
+        with suppress(Exception):
+            package = function.__globals__.get("__package__")
+            found[f"import {name}"] = importlib.import_module("." * level + name, package)
+    for name, value in list(found.items()):
+        if isinstance(value, types.ModuleType):
+            found |= _taken(name, value, attributes)
     return found
 
 
-def _names(code: types.CodeType) -> set[str]:
-    names = {
-        str(step.argval)
-        for step in dis.get_instructions(code)
-        if step.opname in ("LOAD_GLOBAL", "LOAD_NAME")
-    }
+def _taken(name: str, module: types.ModuleType, attributes: set[str]) -> dict[str, Any]:
+    """What code may take from a module of yours, and from the modules in it, by name."""
+    found: dict[str, Any] = {}
+    if not _yours(module.__name__):
+        return found
+    for attribute in sorted(attributes & vars(module).keys()):
+        value = vars(module)[attribute]
+        found[f"{name}.{attribute}"] = value
+        if isinstance(value, types.ModuleType) and name.count(".") < _DEEPEST:
+            found |= _taken(f"{name}.{attribute}", value, attributes)
+    return found
+
+
+def _names(code: types.CodeType) -> tuple[set[str], set[str], set[tuple[int, str]]]:
+    """Globals, attributes, and modules with their levels that code names."""
+    named: set[str] = set()
+    attributes: set[str] = set()
+    imported: set[tuple[int, str]] = set()
+    level = 0
+    for step in dis.get_instructions(code):
+        if step.opname in ("LOAD_GLOBAL", "LOAD_NAME"):
+            named.add(str(step.argval))
+        elif step.opname in ("LOAD_ATTR", "LOAD_METHOD", "IMPORT_FROM"):
+            attributes.add(str(step.argval))
+        elif step.opname == "IMPORT_NAME":
+            imported.add((level, str(step.argval)))
+        elif step.opname in ("LOAD_CONST", "LOAD_SMALL_INT") and isinstance(step.argval, int):
+            level = step.argval
     for constant in code.co_consts:
         if isinstance(constant, types.CodeType):
-            names |= _names(constant)
-    return names
+            for mine, other in zip((named, attributes, imported), _names(constant), strict=True):
+                mine |= other  # type: ignore[operator]
+    return named, attributes, imported
