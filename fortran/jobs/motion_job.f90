@@ -152,7 +152,7 @@ contains
     integer :: i
     text = ''
     do i = 1, size(self%events)
-      if (trajectory%watch%sides(i) /= 0 .or. trajectory%n_steps == 0) cycle
+      if (trajectory%watch%largest(i) > 0.0_wp .or. trajectory%n_steps == 0) cycle
       text = text//'; event '//show(i)//' ('//self%events(i)%text//') has no value on the way'
     end do
   end function undefined_events

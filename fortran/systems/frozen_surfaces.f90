@@ -1,4 +1,4 @@
-!> Surfaces of switching laws that the motion cannot pass while it stays on others.
+!> Surfaces of switching laws that the motion cannot pass while it stays on others, or is never on.
 module viscovib_frozen_surfaces
   use viscovib_kinds, only: wp
   use viscovib_law_branches, only: slides
@@ -6,7 +6,7 @@ module viscovib_frozen_surfaces
   implicit none
   private
 
-  public :: frozen
+  public :: frozen, jump_over
 
 contains
 
@@ -76,5 +76,26 @@ contains
     if (.not. norm2(n) > 0.0_wp) still = .false.
     if (still) n = n/norm2(n)
   end subroutine across
+
+  !> Surfaces that an impact jumps over: the motion was never on them.
+  subroutine jump_over(laws, t, q, before, after, sides)
+    class(switched_laws), intent(in) :: laws
+    real(wp), intent(in) :: t, q(:), before(:), after(:)
+    integer, intent(inout) :: sides(:)
+    !> Part of a jump that counts as on the surface.
+    real(wp), parameter :: nearly = 1.0e-10_wp
+    real(wp) :: here(1, size(q)), g(1), was(1)
+    integer :: k
+
+    here(1, :) = q
+    do k = 1, size(sides)
+      if (laws%law_of(k) == 0) cycle
+      call laws%signals(k)%at([t], here, reshape(before, [1, size(q)]), was)
+      call laws%signals(k)%at([t], here, reshape(after, [1, size(q)]), g)
+      if (abs(g(1)) > nearly*abs(g(1) - was(1)) .and. abs(g(1) - was(1)) > 0.0_wp) then
+        sides(k) = merge(1, -1, g(1) > 0.0_wp)
+      end if
+    end do
+  end subroutine jump_over
 
 end module viscovib_frozen_surfaces

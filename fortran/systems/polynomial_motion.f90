@@ -7,7 +7,7 @@
 module viscovib_polynomial_motion
   use viscovib_dense, only: invert
   use viscovib_driven_system, only: driven_system_type, range_of_degree
-  use viscovib_frozen_surfaces, only: frozen
+  use viscovib_frozen_surfaces, only: frozen, jump_over
   use viscovib_kinds, only: wp
   use viscovib_lanes, only: add_two, max_dof, most_sloped, n_lanes, turn
   use viscovib_law_branches, only: slides
@@ -120,6 +120,8 @@ contains
     integer, intent(in) :: k
     real(wp), intent(in) :: t(:), q(:, :), v(:, :)
     real(wp), intent(out) :: g(:)
+    !> Rounding must not carry it off the edge, where a mass may come to rest for good.
+    real(wp), parameter :: edge = 1.0e-13_wp
     real(wp) :: mu(size(t), self%laws%n_slides()), d(size(t)), rate(size(t))
     integer :: j
 
@@ -149,7 +151,7 @@ contains
     if (j == 0) return
     call weights_between(self, t, q, v, mu)
     g = mu(:, j)
-    if (self%laws%law_of(k) > 0) g = g*(2.0_wp - g)
+    if (self%laws%law_of(k) > 0) g = g*(2.0_wp - g) + edge
   end subroutine signal_at
 
   !> Where between both sides of its surface each slide is, at states.
@@ -195,7 +197,7 @@ contains
     if (self%laws%element_of(k) > 0) then
       speed = v
       call meet_element(self, k, t, q, v, sides)
-      if (any(abs(v - speed) > 0.0_wp)) call jump_over(self, t, q, speed, v, sides)
+      if (any(abs(v - speed) > 0.0_wp)) call jump_over(self%laws, t, q, speed, v, sides)
     else if (sides(k) == slides) then
       call weights_between(self, [t], reshape(q, [1, size(q)]), reshape(v, [1, size(v)]), mu)
       if (mu(1, self%laws%place_of(self%laws%leader(k))) > 1.0_wp) one = -one
@@ -211,6 +213,7 @@ contains
       end if
     end if
     call self%take_sides(sides)
+    if (self%laws%n_slides() > 0) call self%laws%stay(q, v)
 
   contains
 
@@ -268,27 +271,6 @@ contains
       end if
     end associate
   end subroutine meet_element
-
-  !> Surfaces that an impact jumps over: the motion was never on them.
-  subroutine jump_over(self, t, q, before, after, sides)
-    class(polynomial_motion_type), intent(in) :: self
-    real(wp), intent(in) :: t, q(:), before(:), after(:)
-    integer, intent(inout) :: sides(:)
-    !> Part of a jump that counts as on the surface.
-    real(wp), parameter :: nearly = 1.0e-10_wp
-    real(wp) :: here(1, size(q)), g(1), was(1)
-    integer :: k
-
-    here(1, :) = q
-    do k = 1, size(sides)
-      if (self%laws%law_of(k) == 0) cycle
-      call self%signals(k)%at([t], here, reshape(before, [1, size(q)]), was)
-      call self%signals(k)%at([t], here, reshape(after, [1, size(q)]), g)
-      if (abs(g(1)) > nearly*abs(g(1) - was(1)) .and. abs(g(1) - was(1)) > 0.0_wp) then
-        sides(k) = merge(1, -1, g(1) > 0.0_wp)
-      end if
-    end do
-  end subroutine jump_over
 
   !> What an impact does to stops against which the motion rests: they answer one after the other.
   subroutine push_on(self, first, v, sides)

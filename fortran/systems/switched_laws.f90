@@ -14,6 +14,7 @@
 module viscovib_switched_laws
   use viscovib_kinds, only: wp
   use viscovib_lanes, only: add_multiple, n_lanes
+  use viscovib_few_equations, only: solve
   use viscovib_law_branches, only: find_signals, held, signal_type, slides
   use viscovib_law_lanes, only: evaluate_lanes, evaluate_term
   use viscovib_law_program, only: law_program, wall
@@ -60,6 +61,7 @@ module viscovib_switched_laws
     procedure :: add
     procedure :: add_sloped
     procedure :: rate
+    procedure :: stay
     procedure :: n_slides
     procedure :: place_of
     procedure :: n_known
@@ -386,12 +388,68 @@ contains
     real(wp), intent(in) :: q(n_lanes, self%n_dof), v(n_lanes, self%n_dof)
     real(wp), intent(inout) :: a(n_lanes, self%n_dof)
     real(wp), intent(out), optional :: mu(:, :)
-    real(wp) :: b(n_lanes, self%n_dof, size(self%sliding)), one(n_lanes), other(n_lanes)
-    real(wp) :: c(n_lanes, size(self%sliding)), n(n_lanes, self%n_dof, size(self%sliding))
+    real(wp), dimension(n_lanes, self%n_dof, size(self%sliding)) :: b, n
+    real(wp) :: c(n_lanes, size(self%sliding))
     real(wp) :: m(size(self%sliding), size(self%sliding)), x(size(self%sliding))
-    real(wp), dimension(self%n_dof) :: normal, push
-    integer :: d, i, j, k, l
+    integer :: i, j, l, turn
 
+    call slide_directions(self, q, v, b, c, n)
+    do i = 1, size(a, 1)
+      if (present(mu)) mu(i, :) = 0.0_wp
+      ! What large forces leave of an acceleration is rounding; the second turn takes it away, else
+      ! a mass that sticks would creep, the further the longer it sticks.
+      do turn = 1, 2
+        do j = 1, size(x)
+          x(j) = -(c(i, j) + dot_product(n(i, :, j), a(i, :)))
+          m(j, :) = matmul(n(i, :, j), b(i, :, :))
+        end do
+        call solve(m, x)
+        do l = 1, size(a, 2)
+          a(i, l) = a(i, l) + dot_product(b(i, l, :), x)
+        end do
+        if (present(mu)) mu(i, :) = mu(i, :) + x
+      end do
+    end do
+  end subroutine slide_along
+
+  !> The velocities on the surfaces on which the motion slides, next to those at a state: where
+  !! it comes to them, it is there but for rounding, with which it would go on.
+  subroutine stay(self, q, v)
+    class(switched_laws), intent(in) :: self
+    real(wp), intent(in) :: q(:)
+    real(wp), intent(inout) :: v(:)
+    real(wp), dimension(n_lanes, self%n_dof, size(self%sliding)) :: b, n
+    real(wp), dimension(n_lanes, self%n_dof) :: some_q, some_v
+    real(wp) :: m(size(self%sliding), size(self%sliding)), x(size(self%sliding))
+    real(wp) :: c(n_lanes, size(self%sliding)), g(1)
+    integer :: j
+
+    some_q = spread(q, 1, n_lanes)
+    some_v = spread(v, 1, n_lanes)
+    call slide_directions(self, some_q, some_v, b, c, n)
+    do j = 1, size(x)
+      m(j, :) = matmul(n(1, :, j), b(1, :, :))
+      if (self%sliding(j)%stop > 0) then
+        x(j) = -dot_product(n(1, :, j), v)
+      else
+        call self%signals(self%sliding(j)%leader)%at([0.0_wp], some_q(:1, :), some_v(:1, :), g)
+        x(j) = -g(1)
+      end if
+    end do
+    call solve(m, x)
+    if (all(abs(x) < wall)) v = v + matmul(b(1, :, :), x)
+  end subroutine stay
+
+  !> Of every slide: b, by what its force changes accelerations; c and n, by what the signal of its
+  !! surface changes along the motion and by accelerations.
+  pure subroutine slide_directions(self, q, v, b, c, n)
+    class(switched_laws), intent(in) :: self
+    real(wp), intent(in) :: q(n_lanes, self%n_dof), v(n_lanes, self%n_dof)
+    real(wp), intent(out), dimension(n_lanes, self%n_dof, size(self%sliding)) :: b, n
+    real(wp), intent(out) :: c(n_lanes, size(self%sliding))
+    real(wp) :: one(n_lanes), other(n_lanes)
+    real(wp), dimension(self%n_dof) :: normal, push
+    integer :: d, j, k
     b = 0.0_wp
     do j = 1, size(self%sliding)
       if (self%sliding(j)%stop > 0) then
@@ -407,25 +465,14 @@ contains
             call evaluate_lanes(law%program, law%arguments_of_lanes(q, v), one)
             call evaluate_lanes(pair%program, law%arguments_of_lanes(q, v), other)
           end associate
-          do d = 1, size(a, 2)
+          do d = 1, self%n_dof
             b(:, d, j) = b(:, d, j) + self%weights(d, pair%law)*(0.5_wp*(one - other))
           end do
         end associate
       end do
       call gradient(self%signals(self%sliding(j)%leader), q, v, c(:, j), n(:, :, j))
     end do
-    do i = 1, size(a, 1)
-      do j = 1, size(x)
-        x(j) = -(c(i, j) + dot_product(n(i, :, j), a(i, :)))
-        m(j, :) = matmul(n(i, :, j), b(i, :, :))
-      end do
-      call solve(m, x)
-      do l = 1, size(a, 2)
-        a(i, l) = a(i, l) + dot_product(b(i, l, :), x)
-      end do
-      if (present(mu)) mu(i, :) = x
-    end do
-  end subroutine slide_along
+  end subroutine slide_directions
 
   !> What a signal changes by along the motion: c by the velocities, n by the accelerations.
   pure subroutine gradient(signal, q, v, c, n)
@@ -439,35 +486,6 @@ contains
     c = sum(by_q*v, 2)
     n = matmul(slopes, signal%by_v)
   end subroutine gradient
-
-  !> Few equations, by elimination with pivots; where there is no answer one too high for any step.
-  pure subroutine solve(m, x)
-    real(wp), intent(inout) :: m(:, :), x(:)
-    real(wp) :: row(size(x)), factor
-    integer :: i, j, p
-
-    do i = 1, size(x)
-      p = i - 1 + maxloc(abs(m(i:, i)), 1)
-      if (.not. abs(m(p, i)) > 1.0e-14_wp*maxval(abs(m))) then
-        x = wall
-        return
-      end if
-      row = m(p, :)
-      m(p, :) = m(i, :)
-      m(i, :) = row
-      factor = x(p)
-      x(p) = x(i)
-      x(i) = factor
-      do j = i + 1, size(x)
-        factor = m(j, i)/m(i, i)
-        m(j, :) = m(j, :) - factor*m(i, :)
-        x(j) = x(j) - factor*x(i)
-      end do
-    end do
-    do i = size(x), 1, -1
-      x(i) = (x(i) - dot_product(m(i, i + 1:), x(i + 1:)))/m(i, i)
-    end do
-  end subroutine solve
 
   !> How fast a signal changes at one state with these accelerations.
   real(wp) function rate(self, k, q, v, a)

@@ -14,6 +14,8 @@ module viscovib_watch
   real(wp), parameter :: on_surface = 1.0e-13_wp
   !> Part of its largest value so far within which a signal of a motion that sticks counts as 0.
   real(wp), parameter :: at_rest = 1.0e-11_wp
+  !> The least that a signal's largest value is once it had one, be it 0.
+  real(wp), parameter :: valued = 2.0_wp**(-1000)
   !> How far beside a place, in parts of a step, a signal must have values if it passes 0 there.
   real(wp), parameter :: beside = 1.0e-9_wp
   !> Passages of one signal that are looked for in a step.
@@ -36,7 +38,8 @@ module viscovib_watch
     !> Passages that count: upwards 1, downwards -1, 0 both; whether the run ends there.
     integer, allocatable :: direction(:)
     logical, allocatable :: terminal(:)
-    !> On which side of 0 each signal was last, 0: it had no value yet; its largest value so far.
+    !> On which side of 0 each signal was last, 0: on none yet; its largest value so far, 0: it
+    !! had none.
     integer, allocatable :: sides(:)
     real(wp), allocatable :: largest(:)
     !> What was found: signal and time, and states, shapes (n) and (2 n_dof, n).
@@ -78,7 +81,7 @@ contains
     if (present(sides)) then
       watch%sides = sides(:n)
       do i = 1, n
-        if (watch%sides(i) /= 0) watch%largest(i) = scale(1.0_wp, sides(n + i))
+        if (any(sides(i:n + i:n) /= 0)) watch%largest(i) = scale(1.0_wp, sides(n + i))
       end do
     else
       allocate (watch%sides(n), source=0)
@@ -173,7 +176,7 @@ contains
     do i = 1, size(self%signals)
       call self%signals(i)%at(path%start + path%h*path%points, path%q, path%v, g)
       if (all(abs(g) >= wall)) cycle
-      self%largest(i) = max(self%largest(i), maxval(abs(g), abs(g) < wall))
+      self%largest(i) = max(self%largest(i), valued, maxval(abs(g), abs(g) < wall))
       if (sticks .and. maxval(abs(g)) <= at_rest*self%largest(i)) cycle
       if (self%sides(i) == 0) self%sides(i) = first_side(self%signals(i), path)
       place = 0.0_wp

@@ -16,6 +16,8 @@ from viscovib.systems.laws import Law, compile_law
 
 #: Passages that a native call has room for, and those of a run at most.
 ROOM, _MOST = 50_000, 5_000_000
+#: Of the size of a signal that never had a value (`watch_type` of the core), and below.
+_NO_VALUE = -1022
 _DIRECTIONS = {"any": 0, "up": 1, "down": -1}
 _MOST_EVENTS = 100
 
@@ -119,7 +121,8 @@ class Watch:
     @property
     def undefined(self) -> list[int]:
         """Places of those that had no value at any state of the run."""
-        return np.flatnonzero(self.sides[: len(self.events)] == 0).tolist()
+        sides, sizes = self.sides.reshape(2, -1)
+        return np.flatnonzero((sides == 0) & (sizes <= _NO_VALUE)).tolist()
 
     def take(self, found: FloatArray, count: int) -> None:
         """Remember what a native call has found."""
