@@ -16,7 +16,8 @@
 !! base are others than then, and `initial` counts. resolution: largest last Legendre
 !! coefficient of a displacement on a step, relative to its largest value. reason /= 0: no
 !! run, see `viscovib_hereditary`. Only coordinates with moves /= 0 are
-!! computed, as `moving_coordinates` tells; the others stay at rest.
+!! computed, as `moving_coordinates` tells; the others stay at rest. too_long: how many times as
+!! long steps are as those whose nodes see every thin layer of a law.
 subroutine mount_simulate(flat, n_flat, kind_x, data_x, n_x, kind_phi, data_phi, n_phi, &
                           frequencies, amplitudes, n_dof, n_frequencies, breaks, pieces, &
                           n_breaks, waves, n_waves, base_breaks, base_pieces, n_base, ends, &
@@ -25,12 +26,13 @@ subroutine mount_simulate(flat, n_flat, kind_x, data_x, n_x, kind_phi, data_phi,
                           resume, memory, n_memory, times, n_times, n_columns, watched, &
                           n_watch, sides, n_sides, most, states, at_times, last, kept, n_kept, &
                           n_done, n_reached, t_reached, ended, n_iterations, resolution, reason, &
-                          found, n_found, status)
+                          found, n_found, too_long, status)
   use, intrinsic :: iso_c_binding, only: c_double, c_double_complex, c_int, c_long
   use viscovib_binding_tools, only: keep_moving, make_base, make_system, report
   use viscovib_base_motion, only: base_motion_type
   use viscovib_hereditary, only: begun, hereditary_type, new_hereditary, step_too_large
   use viscovib_hereditary_run, only: run_hereditary
+  use viscovib_law_layers, only: unseen_by_node
   use viscovib_mesh, only: mesh_type, new_mesh
   use viscovib_oscillator, only: oscillator_type
   use viscovib_reduction, only: state_mask
@@ -52,7 +54,7 @@ subroutine mount_simulate(flat, n_flat, kind_x, data_x, n_x, kind_phi, data_phi,
   real(c_double), intent(in) :: h, shortest, t_end, tolerance
   real(c_double), intent(in) :: memory(n_memory), times(n_times)
   real(c_double), intent(out) :: states(2*n_dof, n_columns), at_times(2*n_dof, n_times)
-  real(c_double), intent(out) :: last(2*n_dof), kept(n_memory), resolution, t_reached
+  real(c_double), intent(out) :: last(2*n_dof), kept(n_memory), resolution, t_reached, too_long
   integer(c_long), intent(out) :: n_done
   integer(c_int), intent(in) :: n_watch, n_sides, most
   real(c_double), intent(in) :: watched(n_watch)
@@ -88,6 +90,7 @@ subroutine mount_simulate(flat, n_flat, kind_x, data_x, n_x, kind_phi, data_phi,
   ended = 0
   found = 0.0_c_double
   n_found = 0
+  too_long = 0.0_c_double
   reason = begun
   call make_system(system, flat, kind_x, data_x, kind_phi, data_phi, outcome)
   if (.not. outcome%failed()) then
@@ -132,14 +135,15 @@ subroutine mount_simulate(flat, n_flat, kind_x, data_x, n_x, kind_phi, data_phi,
           call new_watch(watch, watched, sides, run%n_observed())
         end if
         call run_hereditary(run, system, load, base, first, n_steps, save_every, times, states, &
-                            at_times, n_done, n_reached, t_reached, ended, mesh, resume == 2, watch)
+                            at_times, n_done, n_reached, t_reached, ended, mesh, resume == 2, &
+                            watch, too_long)
         if (n_watch > 1) call watch%hand_over(sides, found, n_found)
       else
         allocate (some_states(size(rows), n_columns), some_at_times(size(rows), n_times))
         some_at_times = 0.0_c_double
         call run_hereditary(run, system, load, base, first, n_steps, save_every, times, &
                             some_states, some_at_times, n_done, n_reached, t_reached, ended, mesh, &
-                            resume == 2)
+                            resume == 2, thinnest=too_long)
         states = 0.0_c_double
         states(rows, :) = some_states
         at_times(rows, :) = some_at_times
@@ -155,6 +159,7 @@ subroutine mount_simulate(flat, n_flat, kind_x, data_x, n_x, kind_phi, data_phi,
       if (n_kept <= n_memory) kept(:n_kept) = run%save_memory()
     end if
   end if
+  too_long = too_long/(unseen_by_node*s)
   call report(outcome, status)
 
 end subroutine mount_simulate

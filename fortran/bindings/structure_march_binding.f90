@@ -23,11 +23,12 @@ subroutine structure_simulate(elements, n_elements, squares, rates, n, seen, pus
                               save_every, resume, memory, n_memory, times, n_times, n_states, &
                               watched, n_watch, sides, n_sides, most, n_at_once, states, &
                               at_times, last, kept, n_kept, n_done, n_reached, t_reached, ended, &
-                              n_iterations, resolution, reason, found, n_found, status)
+                              n_iterations, resolution, reason, found, n_found, too_long, status)
   use, intrinsic :: iso_c_binding, only: c_double, c_double_complex, c_int, c_long
   use viscovib_base_motion, only: base_motion_type
   use viscovib_binding_tools, only: make_base, report
   use viscovib_hereditary_run, only: run_hereditary
+  use viscovib_law_layers, only: unseen_by_node
   use viscovib_march, only: begun, step_too_large
   use viscovib_mesh, only: mesh_type, new_mesh
   use viscovib_modal_maps, only: sections_type
@@ -56,7 +57,7 @@ subroutine structure_simulate(elements, n_elements, squares, rates, n, seen, pus
   real(c_double), intent(in) :: start(n), start_rates(n), kick(2), h, shortest, t_end, tolerance
   real(c_double), intent(in) :: memory(n_memory), times(n_times)
   real(c_double), intent(out) :: states(2*n_shown, n_states), at_times(2*n_shown, n_times)
-  real(c_double), intent(out) :: last(2*n_shown), kept(n_memory), resolution, t_reached
+  real(c_double), intent(out) :: last(2*n_shown), kept(n_memory), resolution, t_reached, too_long
   integer(c_long), intent(out) :: n_done
   real(c_double), intent(in) :: watched(n_watch)
   integer(c_int), intent(inout) :: sides(n_sides)
@@ -92,6 +93,7 @@ subroutine structure_simulate(elements, n_elements, squares, rates, n, seen, pus
   ended = 0
   ! Of `found`, columns beyond n_found are not set: it is larger than all else here.
   n_found = 0
+  too_long = 0.0_c_double
   reason = begun
   call polynomial_from_vector(system, elements, outcome)
   if (.not. outcome%failed()) then
@@ -148,7 +150,8 @@ subroutine structure_simulate(elements, n_elements, squares, rates, n, seen, pus
     if (reason == begun) then
       call new_watch(watch, watched, sides, run%n_observed())
       call run_hereditary(run, system, load, base, first, n_steps, save_every, times, states, &
-                          at_times, n_done, n_reached, t_reached, ended, mesh, resume == 2, watch)
+                          at_times, n_done, n_reached, t_reached, ended, mesh, resume == 2, &
+                          watch, too_long)
       call watch%hand_over(sides, found, n_found)
       if (allocated(u)) deallocate (u, v)
       allocate (u(n_shown), v(n_shown))
@@ -162,6 +165,7 @@ subroutine structure_simulate(elements, n_elements, squares, rates, n, seen, pus
       if (n_kept <= n_memory) kept(:n_kept) = run%save_memory()
     end if
   end if
+  too_long = too_long/(unseen_by_node*s)
   call report(outcome, status)
 
 end subroutine structure_simulate

@@ -9,6 +9,7 @@ module viscovib_hereditary_job
     past_direct, past_exponentials, step_too_large
   use viscovib_hereditary_run, only: run_hereditary
   use viscovib_kinds, only: i8, wp
+  use viscovib_law_layers, only: unseen_by_node
   use viscovib_load, only: load_type
   use viscovib_march, only: march_type
   use viscovib_oscillator, only: oscillator_type
@@ -18,8 +19,8 @@ module viscovib_hereditary_job
   use viscovib_simulate, only: run_coarse, run_diverged, run_event
   use viscovib_status, only: fail, set_ok, show, status_input_error, status_type, things
   use viscovib_time_load, only: time_load_type
-  use viscovib_transient_job, only: make_runs, plan_steps, run_maker, trajectory_type, &
-    transient_job
+  use viscovib_transient_job, only: make_runs, run_maker, trajectory_type, transient_job
+  use viscovib_transient_plan, only: plan_steps
   use viscovib_watch, only: new_watch
   implicit none
   private
@@ -198,7 +199,7 @@ contains
     type(base_motion_type) :: base
     real(wp), allocatable :: states(:, :), shortest
     real(wp), dimension(size(self%first)/2) :: u, v
-    real(wp) :: no_times(0), no_states(size(self%first), 0)
+    real(wp) :: no_times(0), no_states(size(self%first), 0), thinnest
     integer(i8) :: every, kept, i
     integer :: reached, reason
 
@@ -223,7 +224,8 @@ contains
       end if
       call run_hereditary(run, self%system, self%load, base, 0_i8, n, every, no_times, states, &
                           no_states, trajectory%n_steps, reached, trajectory%t_reached, &
-                          trajectory%outcome, watch=trajectory%watch)
+                          trajectory%outcome, watch=trajectory%watch, thinnest=thinnest)
+      trajectory%too_long = thinnest/(unseen_by_node*nodes(job%method))
       if (trajectory%outcome /= run_diverged .and. trajectory%outcome /= run_coarse) exit
       if (allocated(shortest) .or. size(self%system%kernels) == 0) exit
       ! Where it stops is seen by steps that the exponentials were not fitted for.

@@ -6,7 +6,8 @@ module viscovib_pendulum_job
   use viscovib_pendulum_spring, only: new_spring, spring_type, swings
   use viscovib_plan_text, only: tell_idle
   use viscovib_status, only: status_type
-  use viscovib_transient_job, only: plan_transient, run_transient, trajectory_type, transient_job
+  use viscovib_transient_job, only: run_transient, trajectory_type, transient_job
+  use viscovib_transient_plan, only: plan_transient
   implicit none
   private
 

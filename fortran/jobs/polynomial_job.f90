@@ -8,7 +8,8 @@ module viscovib_polynomial_job
   use viscovib_polynomial_motion, only: new_polynomial_motion, polynomial_motion_type
   use viscovib_reduction, only: moved_coordinates, reduce, state_mask
   use viscovib_status, only: status_type
-  use viscovib_transient_job, only: plan_transient, run_transient, trajectory_type, transient_job
+  use viscovib_transient_job, only: run_transient, trajectory_type, transient_job
+  use viscovib_transient_plan, only: plan_transient
   implicit none
   private
 

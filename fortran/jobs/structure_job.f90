@@ -13,7 +13,8 @@ module viscovib_structure_job
   use viscovib_structure, only: structure_type
   use viscovib_structure_march, only: new_structure_march, structure_march_type
   use viscovib_structure_model, only: structure_model
-  use viscovib_transient_job, only: plan_steps, trajectory_type
+  use viscovib_transient_job, only: trajectory_type
+  use viscovib_transient_plan, only: plan_steps
   use viscovib_watch, only: renumbered
   implicit none
   private

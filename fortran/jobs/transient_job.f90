@@ -6,7 +6,7 @@ module viscovib_transient_job
   use viscovib_driven_system, only: driven_system_type
   use viscovib_kinds, only: i8, wp
   use viscovib_limits, only: min_time_tolerance
-  use viscovib_method_catalogue, only: method_order, new_stepper, transient_methods
+  use viscovib_method_catalogue, only: new_stepper
   use viscovib_reduction, only: state_mask
   use viscovib_simulate, only: run_coarse, run_completed, run_diverged, run_names, run_stopped, &
     simulate
@@ -17,7 +17,7 @@ module viscovib_transient_job
   private
 
   public :: transient_job, trajectory_type, run_maker
-  public :: run_transient, make_runs, plan_transient, plan_steps
+  public :: run_transient, make_runs, first_steps
 
   real(wp), parameter :: rounding = 1.0e-15_wp
   !> Relative error of the time of a stop inside a step.
@@ -33,6 +33,10 @@ module viscovib_transient_job
   real(wp), parameter, public :: max_steps = 1.0e12_wp, max_kept = 2.0e7_wp
   !> Steps of a first run whose step is to be found, and numbers kept of any run.
   real(wp), parameter :: max_first_steps = 1.0e9_wp, max_numbers = 2.0_wp**27
+  !> Steps up to which a layer of a law is gone after.
+  real(wp), parameter :: most_for_layers = 65536.0_wp
+  !> What polynomials follow, as a part of what nodes see.
+  real(wp), parameter :: followed = 0.05_wp
   !> Height of peaks between states kept above them, relative; states and parts of a step
   !! that are kept for it at most.
   real(wp), parameter :: peaks = 2.0e-3_wp, most_states = 1.0e5_wp
@@ -77,6 +81,8 @@ module viscovib_transient_job
     !! step was given.
     real(wp) :: error = -1.0_wp
     integer(i8) :: n_steps = 0
+    !> How many times as long the steps are as those whose nodes see every thin layer of a law.
+    real(wp) :: too_long = 0.0_wp
     !> Events that were found, if any were looked for; states are of the coordinates kept.
     type(watch_type), allocatable :: watch
   contains
@@ -177,7 +183,7 @@ contains
     type(status_type), intent(out) :: status
     type(trajectory_type) :: coarse
     real(wp) :: n, change, changes(max_halvings)
-    integer :: i, factor
+    integer :: i, factor, n_changes
     logical :: met
 
     n = min(wanted, 2.0_wp*max_steps)
@@ -195,6 +201,7 @@ contains
       trajectory = coarse
       return
     end if
+    n_changes = 0
     do i = 1, max_halvings
       factor = 2*factor
       change = huge(1.0_wp)
@@ -207,13 +214,18 @@ contains
       if (change < huge(1.0_wp) .and. trajectory%outcome == run_completed) then
         met = all(maxval(abs(trajectory%states - coarse%states), 2) &
                   <= job%allowed(trajectory%states))
-        if (met) call fill_in(maker, job, int(n, i8), factor, trajectory)
       else
         met = change <= max(job%tolerance, job%relative)*size_at_stop(trajectory) &
               .and. (trajectory%n_steps == 0 .or. trajectory%n_steps >= few)
-        if (met) call fill_in(maker, job, int(n, i8), factor, trajectory)
+      end if
+      if (met .and. trajectory%too_long > 1.0_wp) then
+        ! Two runs agree that have both missed a layer.
+        call shorten()
+        if (status%failed()) return
+        cycle
       end if
       if (met) then
+        call fill_in(maker, job, int(n, i8), factor, trajectory)
         ! Nothing but rest has no error at all.
         trajectory%error = max(change, 4.0_wp*epsilon(1.0_wp)*maxval(abs(trajectory%states)))
         if (trajectory%outcome /= run_completed) then
@@ -223,8 +235,14 @@ contains
         return
       end if
       coarse = trajectory
-      changes(i) = change
-      if (hopeless(changes(:i))) exit
+      n_changes = n_changes + 1
+      changes(n_changes) = change
+      if (.not. hopeless(changes(:n_changes))) cycle
+      ! Halving gains nothing before what a law depends on is followed.
+      if (trajectory%outcome /= run_completed .or. trajectory%too_long <= followed) exit
+      n_changes = 0
+      call shorten()
+      if (status%failed()) return
     end do
     if (.not. allocated(trajectory%states)) then
       call fail(status, status_input_error, 't_end', 't_end = '//show(job%t_end)//': takes ' &
@@ -236,6 +254,24 @@ contains
     call fail(status, status_input_error, 'tolerance', told(job)//': not met with ' &
               //show(n*factor)//' steps (states still change by '//show(change)//'): ' &
               //cause(job, trajectory, change))
+
+  contains
+
+    !> Steps whose nodes see the layers that those of this run may have missed.
+    subroutine shorten()
+      integer :: times
+      ! How thin a layer is shows as steps come near it.
+      times = merge(2, 4, trajectory%too_long <= 2.0_wp)
+      if (n*factor*times > most_for_layers) then
+        call fail(status, status_input_error, 'tolerance', told(job)//': not met with ' &
+                  //show(n*factor*times)//' steps: a law changes in a layer thinner than a step ' &
+                  //'(take dt below that, or a wider layer)')
+        return
+      end if
+      factor = factor*times
+      call maker%make(job, int(n, i8)*factor, factor, coarse, status)
+    end subroutine shorten
+
   end subroutine make_runs
 
   !> Whether halving is vain, for chaos or rounding: two gain less than a digit. That two runs
@@ -449,37 +485,5 @@ contains
       trajectory%t(i + 1) = real(every*i, wp)*trajectory%h
     end do
   end subroutine make_driven
-
-  !> What will be computed and what is skipped, with the reasons.
-  function plan_transient(job) result(text)
-    class(transient_job), intent(in) :: job
-    character(len=:), allocatable :: text
-    character(len=*), parameter :: nl = new_line('a')
-
-    text = 'computes: motion to t = '//show(job%t_end)//' by ' &
-           //trim(transient_methods(job%method))//', order '//show(method_order(job%method))//nl &
-           //plan_steps(job)
-  end function plan_transient
-
-  !> The lines about steps and what is kept.
-  function plan_steps(job) result(text)
-    class(transient_job), intent(in) :: job
-    character(len=:), allocatable :: text
-    character(len=*), parameter :: nl = new_line('a')
-
-    if (job%dt > 0.0_wp) then
-      text = 'computes: '//show(first_steps(job, 0.0_wp))//' equal steps'//nl &
-             //'skips: estimate of the error (the step is given)'//nl
-    else
-      text = 'computes: the step, halved until the states kept change by no more than ' &
-             //show(job%tolerance)
-      if (job%relative > 0.0_wp) text = text//' and '//show(job%relative)//' of the largest'
-      text = text//nl
-    end if
-    if (job%last_only) text = text//'skips: storing states on the way (only the last is ' &
-                              //'asked for)'//nl
-    if (job%save_every > 1) text = text//'skips: storing all but one state in ' &
-                                   //show(job%save_every)//' (the others are not asked for)'//nl
-  end function plan_steps
 
 end module viscovib_transient_job

@@ -25,8 +25,9 @@ module viscovib_law_layers
   public :: law_layers
 
   !> How many times as far as a polynomial follows an operand may go in a step: nodes of a step are
-  !! not further apart than a fifth of it, and are within such a layer then.
-  real(wp), parameter, public :: unseen = 20.0_wp
+  !! not further apart than a fifth of it, and are within such a layer then. Steps of fewer nodes
+  !! than 8 may go as much less far, a node.
+  real(wp), parameter, public :: unseen = 20.0_wp, unseen_by_node = 2.5_wp
 
   !> An instruction, and its operand, of which it must see enough values.
   type :: layer_type

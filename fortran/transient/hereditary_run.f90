@@ -4,6 +4,7 @@ module viscovib_hereditary_run
   use viscovib_counters, only: count_up, counted_states, counting
   use viscovib_hereditary_stops, only: hereditary_past, stop_hereditary
   use viscovib_kinds, only: i8, wp
+  use viscovib_layer_watch, only: layer_watch
   use viscovib_march, only: march_type
   use viscovib_march_events, only: look_inside
   use viscovib_mesh, only: equal_steps, mesh_type
@@ -23,7 +24,8 @@ contains
   !> Make steps first+1 ... first+n_steps, keeping every save_every-th state and
   !! those at wanted times. Underflow is abrupt meanwhile.
   subroutine run_hereditary(run, system, load, base, first, n_steps, save_every, times, states, &
-                            at_times, n_done, n_reached, t_reached, outcome, mesh, anew, watch)
+                            at_times, n_done, n_reached, t_reached, outcome, mesh, anew, watch, &
+                            thinnest)
     class(march_type), intent(inout) :: run
     class(oscillator_type), intent(in) :: system
     type(time_load_type), intent(in) :: load
@@ -46,15 +48,42 @@ contains
     logical, intent(in), optional :: anew
     !> Events to look for, by the polynomials of the steps; their states are those of the body.
     type(watch_type), intent(inout), optional :: watch
+    !> How many times as far as a polynomial follows what a law depends on has gone in a step.
+    real(wp), intent(out), optional :: thinnest
+    type(layer_watch) :: layers
+    type(flushing_type) :: flushing
+
+    call flushing%begin()
+    call make_steps(run, system, load, base, layers, first, n_steps, save_every, times, states, &
+                    at_times, n_done, n_reached, t_reached, outcome, mesh, anew, watch)
+    if (present(thinnest)) thinnest = layers%thinness()
+  end subroutine run_hereditary
+
+  !> The steps themselves; `layers` follows them.
+  subroutine make_steps(run, system, load, base, layers, first, n_steps, save_every, times, &
+                        states, at_times, n_done, n_reached, t_reached, outcome, mesh, anew, watch)
+    class(march_type), intent(inout) :: run
+    class(oscillator_type), intent(in) :: system
+    type(time_load_type), intent(in) :: load
+    type(base_motion_type), intent(inout) :: base
+    type(layer_watch), intent(inout) :: layers
+    integer(i8), intent(in) :: first, n_steps, save_every
+    real(wp), intent(in) :: times(:)
+    real(wp), intent(inout) :: states(:, :), at_times(:, :)
+    integer(i8), intent(out) :: n_done
+    real(wp), intent(out) :: t_reached
+    integer, intent(out) :: n_reached, outcome
+    type(mesh_type), intent(in), optional :: mesh
+    logical, intent(in), optional :: anew
+    type(watch_type), intent(inout), optional :: watch
     type(mesh_type) :: ends
     real(wp) :: u(run%n_observed()), v(run%n_observed()), now, from
+    real(wp) :: w(run%n_read()), w_rate(run%n_read())
     integer(i8) :: i, column
     logical :: made, trusted
-    type(flushing_type) :: flushing
     type(hereditary_past) :: past
     integer :: piece, before
 
-    call flushing%begin()
     outcome = run_completed
     n_done = 0
     n_reached = 0
@@ -68,6 +97,8 @@ contains
     if (present(anew)) before = merge(piece, before, anew)
     call base%enter(ends%beginning(before), ends%ends(before))
     call keep_present(run, base, times, now, at_times, n_reached)
+    call run%read_by_laws(w, w_rate)
+    call layers%begin_to_follow(system, now, w, w_rate)
     do i = 1, n_steps
       if (stop_wanted()) then
         outcome = run_stopped
@@ -80,6 +111,7 @@ contains
         if (first + i > 1 .and. base%has_corners()) call turn(run, base, ends, piece, now)
         call run%enter(system, load, now, ends%h(piece), made)
         call past%forget()
+        if (layers%on) call look_on(run, layers, now, .true.)
       end if
       if (made) call past%note(run, now, first + i - 1)
       from = now
@@ -103,6 +135,7 @@ contains
         end if
       end if
       n_done = i
+      if (layers%on) call look_on(run, layers, now, .false.)
       if (present(watch)) then
         call look_inside(run, base, watch, from, now, t_reached, outcome)
         if (outcome /= run_completed) then
@@ -121,7 +154,22 @@ contains
       call keep(base, now, u, v, states(:, column))
     end do
     t_reached = now
-  end subroutine run_hereditary
+  end subroutine make_steps
+
+  !> Let thin layers be looked for between the state now and that before, unless it `jumps`.
+  subroutine look_on(run, layers, now, jumps)
+    class(march_type), intent(in) :: run
+    type(layer_watch), intent(inout) :: layers
+    real(wp), intent(in) :: now
+    logical, intent(in) :: jumps
+    real(wp), dimension(run%n_read()) :: w, w_rate
+    call run%read_by_laws(w, w_rate)
+    if (jumps) then
+      call layers%jump(now, w, w_rate)
+    else
+      call layers%follow(now, w, w_rate)
+    end if
+  end subroutine look_on
 
   !> Keep the state where a run begins at the wanted times until then.
   subroutine keep_present(run, base, times, now, at_times, n_reached)

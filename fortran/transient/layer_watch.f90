@@ -3,10 +3,15 @@
 !! States at the ends of steps are gathered and looked at many at a time, which costs a small part
 !! of the steps. A layer counts as unseen where what a function depends on goes so far from one end
 !! to the next that no node of the step needs to lie in the layer.
+!!
+!! Runs without memory look with `see` and begin anew in parts; others `follow` their steps to
+!! the end, and tell how much shorter the steps would have to be.
 module viscovib_layer_watch
   use viscovib_driven_system, only: driven_system_type
   use viscovib_kinds, only: wp
-  use viscovib_law_layers, only: unseen
+  use viscovib_law_layers, only: law_layers, unseen
+  use viscovib_oscillator, only: oscillator_type
+  use viscovib_polynomial, only: polynomial_type
   implicit none
   private
 
@@ -19,10 +24,20 @@ module viscovib_layer_watch
     logical :: on = .false.
     integer, private :: n = 0
     real(wp), allocatable, private :: t(:), q(:, :), v(:, :)
+    !> Of runs that are followed.
+    type(law_layers), private :: layers
+    real(wp), private :: thinnest = 0.0_wp
   contains
     procedure :: begin
     procedure :: see
     procedure :: look
+    procedure :: begin_to_follow
+    procedure :: follow
+    procedure :: jump
+    procedure :: thinness
+    procedure, private :: room
+    procedure, private :: forget
+    procedure, private :: note
   end type layer_watch
 
 contains
@@ -35,11 +50,8 @@ contains
     ! Steps that are made in parts see for themselves.
     self%on = system%layers%exist() .and. .not. (system%in_parts .or. allocated(system%signals))
     if (.not. self%on) return
-    allocate (self%t(n_states), self%q(n_states, size(q)), self%v(n_states, size(v)))
-    self%n = 1
-    self%t(1) = t
-    self%q(1, :) = q
-    self%v(1, :) = v
+    call self%room(size(q))
+    call self%note(t, q, v)
   end subroutine begin
 
   !> After a step; `missed`: a layer may have been.
@@ -51,15 +63,9 @@ contains
     missed = .false.
     if (self%n == n_states) then
       missed = self%look(system)
-      self%t(:n_shared) = self%t(n_states - n_shared + 1:)
-      self%q(:n_shared, :) = self%q(n_states - n_shared + 1:, :)
-      self%v(:n_shared, :) = self%v(n_states - n_shared + 1:, :)
-      self%n = n_shared
+      call self%forget()
     end if
-    self%n = self%n + 1
-    self%t(self%n) = t
-    self%q(self%n, :) = q
-    self%v(self%n, :) = v
+    call self%note(t, q, v)
   end subroutine see
 
   !> Whether a layer may have been missed between the states gathered.
@@ -73,5 +79,81 @@ contains
                                        .true.) > unseen
     end associate
   end function look
+
+  !> Before the first step of a run with memory, or of a structure.
+  subroutine begin_to_follow(self, system, t, q, v)
+    class(layer_watch), intent(inout) :: self
+    class(oscillator_type), intent(in) :: system
+    !> Time, and what laws read then, with its rates.
+    real(wp), intent(in) :: t, q(:), v(:)
+    self%on = .false.
+    select type (system)
+    class is (polynomial_type)
+      if (size(system%laws) > 0) then
+        call self%layers%find(system%laws)
+        self%on = self%layers%exist()
+      end if
+    end select
+    if (.not. self%on) return
+    call self%room(size(q))
+    call self%note(t, q, v)
+  end subroutine begin_to_follow
+
+  !> After a step.
+  subroutine follow(self, t, q, v)
+    class(layer_watch), intent(inout) :: self
+    real(wp), intent(in) :: t, q(:), v(:)
+    if (self%n == n_states) then
+      self%thinnest = self%thinness()
+      call self%forget()
+    end if
+    call self%note(t, q, v)
+  end subroutine follow
+
+  !> The motion goes on from another state at once.
+  subroutine jump(self, t, q, v)
+    class(layer_watch), intent(inout) :: self
+    real(wp), intent(in) :: t, q(:), v(:)
+    self%thinnest = self%thinness()
+    self%n = 0
+    call self%note(t, q, v)
+  end subroutine jump
+
+  !> How many times as far as a polynomial follows what a function depends on has gone in a step.
+  real(wp) function thinness(self)
+    class(layer_watch), intent(in) :: self
+    thinness = self%thinnest
+    if (.not. self%on .or. self%n < 2) return
+    associate (n => self%n)
+      thinness = max(thinness, self%layers%thinness_at(self%t(:n), self%t(:n), self%q(:n, :), &
+                                                       self%v(:n, :), .true.))
+    end associate
+  end function thinness
+
+  !> For states of so many coordinates.
+  subroutine room(self, n_dof)
+    class(layer_watch), intent(inout) :: self
+    integer, intent(in) :: n_dof
+    allocate (self%t(n_states), self%q(n_states, n_dof), self%v(n_states, n_dof))
+    self%n = 0
+  end subroutine room
+
+  subroutine note(self, t, q, v)
+    class(layer_watch), intent(inout) :: self
+    real(wp), intent(in) :: t, q(:), v(:)
+    self%n = self%n + 1
+    self%t(self%n) = t
+    self%q(self%n, :) = q
+    self%v(self%n, :) = v
+  end subroutine note
+
+  !> All but the states that those to come share.
+  subroutine forget(self)
+    class(layer_watch), intent(inout) :: self
+    self%t(:n_shared) = self%t(n_states - n_shared + 1:)
+    self%q(:n_shared, :) = self%q(n_states - n_shared + 1:, :)
+    self%v(:n_shared, :) = self%v(n_states - n_shared + 1:, :)
+    self%n = n_shared
+  end subroutine forget
 
 end module viscovib_layer_watch

@@ -25,6 +25,8 @@ module viscovib_march
     procedure(kick_interface), deferred :: kick
     procedure(state_interface), deferred :: get_state
     procedure(observe_interface), deferred :: observe
+    procedure :: read_by_laws => read_all
+    procedure :: n_read => n_all
     procedure(inside_interface), deferred :: inside
     procedure :: inside_part => inside_each
     procedure(real_interface), deferred :: furthest
@@ -141,6 +143,18 @@ module viscovib_march
   end interface
 
 contains
+
+  !> What laws read and its rates, shape (n_read).
+  subroutine read_all(self, u, v)
+    class(march_type), intent(in) :: self
+    real(wp), intent(out) :: u(:), v(:)
+    call self%observe(u, v)
+  end subroutine read_all
+
+  pure integer function n_all(self)
+    class(march_type), intent(in) :: self
+    n_all = self%n_observed()
+  end function n_all
 
   !> Some coordinates and their velocities at places of a part of the last step.
   subroutine inside_each(self, begin, width, points, which, u, v)

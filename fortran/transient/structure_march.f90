@@ -76,8 +76,8 @@ module viscovib_structure_march
     procedure :: enter => enter_structure
     procedure, private :: settle
     procedure :: change_step
-    procedure :: get_state
-    procedure :: observe
+    procedure :: get_state, observe
+    procedure :: read_by_laws, n_read
     procedure :: inside
     procedure :: inside_part
     procedure :: furthest
@@ -378,6 +378,19 @@ contains
                       state%z_rate, u, v)
     end associate
   end subroutine observe
+
+  !> Deflections of elements.
+  subroutine read_by_laws(self, u, v)
+    class(structure_march_type), intent(in) :: self
+    real(wp), intent(out) :: u(:), v(:)
+    u = self%state%w
+    v = self%state%w_rate
+  end subroutine read_by_laws
+
+  pure integer function n_read(self)
+    class(structure_march_type), intent(in) :: self
+    n_read = size(self%state%w)
+  end function n_read
 
   subroutine inside(self, theta, u, v)
     class(structure_march_type), intent(in) :: self

@@ -178,6 +178,59 @@ def test_structures_take_steps_that_see_them(n: int) -> None:
     assert np.abs(run.state[-1] - true.y[:, -1]).max() < max(3 * run.error, 1e-9)
 
 
+GRAZED: dict[str, Callable[[float], float]] = {
+    "F*exp(-((d - g)/e)^2)": lambda z: math.exp(-min(z * z, 700.0)),
+    "F*tanh((d - g)/e)": math.tanh,
+    "F/(1 + ((d - g)/e)^2)": lambda z: 1 / (1 + z * z),
+}
+
+
+@pytest.mark.parametrize("memory", [False, True])
+@pytest.mark.parametrize("law", GRAZED)
+@pytest.mark.parametrize("tip", [True, False])
+def test_structures_see_layers_that_they_only_graze(law: str, memory: bool, tip: bool) -> None:
+    """A layer at the tip of the motion lies between two states near to each other."""
+    rng = np.random.default_rng([list(GRAZED).index(law), memory, tip])
+    n = int(rng.integers(1, 4))
+    stiffness = 2 * np.eye(n) - np.eye(n, k=1) - np.eye(n, k=-1)
+    weight, rate, force = 0.3, 0.7, GRAZED[law]
+    layer = {"F": 0.0, "g": 0.0, "e": 1.0}
+
+    def rates(t: float, y: np.ndarray) -> np.ndarray:
+        q, v, z = y[:n], y[n : 2 * n], y[2 * n :]
+        a = -stiffness @ q - 0.05 * stiffness @ v
+        a[0] -= layer["F"] * force((q[0] - layer["g"]) / layer["e"])
+        if memory:
+            # A spring of stiffness 1 that remembers what was.
+            a[0] -= q[0] - z[0]
+        return np.concatenate([v, a, weight * q[:1] - rate * z if memory else z])
+
+    start = np.concatenate([np.zeros(n), rng.normal(size=n), np.zeros(int(memory))])
+    free = solve_ivp(rates, (0, 4), start, "DOP853", max_step=0.02, rtol=1e-8).y[0]
+    width = 10 ** rng.uniform(-3, -2)
+    place = free.max() + rng.uniform(-2, 2) * width if tip else rng.uniform(0.2, 0.9) * free.max()
+    layer |= {"F": rng.choice([-1, 1]) * rng.uniform(1, 4), "g": place, "e": width}
+    elements = [vv.Spring(on="x1", law=law, parameters=layer)]
+    if memory:
+        kernel = vv.PronyKernel(weights=[weight], rates=[rate])
+        elements.append(vv.Spring(on="x1", stiffness=1.0, kernel=kernel))
+    chain = vv.Structure(
+        mass=np.eye(n), stiffness=stiffness, damping=0.05 * stiffness, elements=elements
+    )
+    run = vv.simulate(chain, 4.0, initial=np.stack([start[:n], start[n : 2 * n]], 1).ravel())
+    y = start
+    for t in np.arange(400) / 100:
+        near = abs(y[0] - place) < 20 * width + 0.02 * (abs(y[n]) + 1)
+        y = solve_ivp(
+            rates, (t, t + 0.01), y, "DOP853", rtol=1e-12, atol=1e-14,
+            max_step=width / 4 if near else np.inf,
+        ).y[:, -1]  # fmt: skip
+    assert run.outcome == "completed"
+    assert run.error < 1e-9
+    assert np.abs(run.state[-1, ::2] - y[:n]).max() < max(3 * run.error, 1e-9)
+    assert np.abs(run.state[-1, 1::2] - y[n : 2 * n]).max() < max(3 * run.error, 1e-9)
+
+
 def test_wide_layers_stay_side_by_side() -> None:
     wide = vv.PolynomialSystem(mass=1, stiffness=1, damping=0.1, forces="0.3*tanh(x_dot/0.1)")
     many = vv.simulate_ensemble(wide, initial=np.ones((9, 2)), t_end=6.0, load=0.5, nu=1.0)

@@ -150,24 +150,38 @@ def _layer(rng, index):
     )  # fmt: skip
     e, place = few(rng, 1e-3, 1e-2, 2), even(rng, -0.3, 0.5, 3)
     text, force = texts[index % 4], forces[index % 4]
-    law = text.format(z=f"(x - {place})/{e}", e=e)
     a = even(rng, 0.1, 0.4, 3) * (-1) ** (index // 4)
     c, load, nu = even(rng, 0.02, 0.2, 3), even(rng, 0.1, 1, 3), few(rng, 0.3, 2, 4)
     start = [even(rng, -1, 1, 3), even(rng, -1, 1, 3)]
-    call = f"""system = vv.PolynomialSystem(mass=1, stiffness=1, damping={c}, forces="{a}*{law}")
-m = vv.simulate(system, 4.0, load={load}, nu={nu}, initial={start})
+    kind, weight, rate = index // 8 % 3, few(rng, 0.05, 0.5, 2), few(rng, 0.5, 2, 2)
+    law = text.format(z=f"({'d' if kind else 'x'} - {place})/{e}", e=e)
+    # A spring of stiffness 1/2 that remembers, or none.
+    own = 0.5 if kind == 2 else 0.0
+    spring = f"vv.Spring(on='x1', law='{a}*{law}')"
+    if own:
+        kernel = f"vv.PronyKernel(weights=[{weight}], rates=[{rate}])"
+        spring += f", vv.Spring(on='x1', stiffness={own}, kernel={kernel})"
+    one = "mass=np.eye(1), stiffness=np.eye(1)"
+    system = (
+        f"vv.Structure({one}, damping={c}*np.eye(1), elements=[{spring}])"
+        if kind
+        else f"vv.PolynomialSystem(mass=1, stiffness=1, damping={c}, forces='{a}*{law}')"
+    )
+    call = f"""system = {system}
+m = vv.simulate(system, 4.0, load={load if not kind else [load]}, nu={nu}, initial={start})
 state, outcome, error = m.state[-1], str(m.outcome), m.error
 """
 
     def judge(names, told):
+        def rates(t, y):
+            full = y[0] + own * (y[0] - y[2]) + a * force((y[0] - place) / e)
+            return [y[1], load * np.sin(nu * t) - c * y[1] - full, weight * y[0] - rate * y[2]]
+
         run = solve_ivp(
-            lambda t, y: [
-                y[1], load * np.sin(nu * t) - c * y[1] - y[0] - a * force((y[0] - place) / e)
-            ],
-            (0, 4), start, "DOP853", rtol=1e-12, atol=1e-14, max_step=e / 4,
-        )  # fmt: skip
+            rates, (0, 4), [*start, 0.0], "DOP853", rtol=1e-12, atol=1e-14, max_step=e / 4
+        )
         yield Claim("outcome", names["outcome"], "completed")
-        yield Claim("state beyond layers", names["state"], run.y[:, -1], names["error"] + 2e-9)
+        yield Claim("state beyond layers", names["state"], run.y[:2, -1], names["error"] + 2e-9)
 
     return Case(call, judge)
 

@@ -321,6 +321,7 @@ class MountRun(Run):
             reason,
             found,
             n_found,
+            too_long,
         ) = _native.call_either(
             count > _native.MANY_STEPS,
             core.mount_simulate,
@@ -356,6 +357,7 @@ class MountRun(Run):
             *self._watched(),
         )
         self.resolution = float(rough)
+        self.too_long = max(self.too_long, float(too_long))
         self._refuse(reason)
         if reason == _STEP_TOO_LARGE:
             ended, reached = _COARSE, self.time

@@ -159,7 +159,6 @@ class PolynomialRun(Run):
     """A run of a polynomial system without memory."""
 
     counts = "evaluations"
-    sees_layers = True
     system: PolynomialSystem
 
     def __init__(

@@ -189,8 +189,8 @@ class Run(ABC):
     inside: ClassVar[bool] = False
     #: Thin layers of forces that steps may miss; those of a search for the step share them.
     layers: ThinLayers = ThinLayers()
-    #: Whether the core itself looks for them.
-    sees_layers: bool = False
+    #: How many times as long the steps are as those whose nodes see every layer.
+    too_long: float = 0.0
     #: Steps a native call takes at most: how often progress shows and Ctrl-C is heard.
     piece: int = 200_000
 

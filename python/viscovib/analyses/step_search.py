@@ -17,10 +17,11 @@ from viscovib.analyses.accuracy import Accuracy, most_states, parts_for_peaks, r
 from viscovib.analyses.runs import LOCATED, NotMetError, difference, hopeless, told_in_one_way
 from viscovib.common.plan import Plan
 from viscovib.results.trajectory import Trajectory
-from viscovib.systems.law_poles import Layer
 
 #: Steps up to which a layer of a law is gone after.
 _MOST_STEPS = 1 << 16
+#: What polynomials follow, as a part of what nodes see.
+_FOLLOWED = 0.05
 #: Steps before a stop that two runs must differ by: a first step with memory ends as the second
 #: of half its length does, and what follows a step that fails is found by steps of its own.
 _FEW = 4
@@ -83,9 +84,8 @@ def by_tolerance(
         change = difference(ends_before, ends)
         if "completed" == coarse.outcome == fine.outcome:
             if agree(ends_before, ends, want):
-                unseen = _unseen_layer(fine)
-                if unseen is not None:
-                    factor = _seeing(unseen, fine, factor, n, want)
+                if _too_long(fine):
+                    factor = _seeing(fine, factor, n, want)
                     before, coarse, held = ends_before, make(factor, parts), parts
                     continue
                 told = partial(_plan_of, first, want)
@@ -112,6 +112,10 @@ def by_tolerance(
                 before, coarse, held = ends_before, fine, parts
                 continue
         elif change <= _allowed_at_stop(ends, want) and not 0 < fine.stats["steps"] < _FEW:
+            if _too_long(fine):
+                factor = _seeing(fine, factor, n, want)
+                before, coarse, held = ends_before, make(factor, parts), parts
+                continue
             # Where it stops is found by the same small steps every time.
             change = max(change, LOCATED * max(1.0, fine.t_reached))
             if dense:
@@ -119,31 +123,33 @@ def by_tolerance(
             return _found(ends, change, partial(_plan_of, first, want))
         changes.append(change)
         before, coarse, held = ends_before, fine, parts
-        if hopeless(changes) and fine.outcome == "completed":
-            unseen = _unseen_layer(fine)
-            if unseen is not None:
-                changes.clear()
-                factor = _seeing(unseen, fine, factor, n, want)
-                coarse = make(factor, parts)
+        # Halving gains nothing before what a law depends on is followed.
+        if hopeless(changes) and fine.outcome == "completed" and _too_long(fine, _FOLLOWED):
+            changes.clear()
+            factor = _seeing(fine, factor, n, want)
+            coarse = make(factor, parts)
     raise NotMetError(
         f"{want}: not met with {n * factor} steps (states still change by {changes[-1]:.1e}): "
         f"{reason(told_in_one_way(before, ends), ends, want)}"
     )
 
 
-def _unseen_layer(run: Trajectory) -> Layer | None:
-    """A layer of a law that no step of a run need lie in, so that two runs agree without it."""
-    if run._resume is None or run._resume.sees_layers:
-        return None
-    layer = run._layer()
-    return None if layer is None or layer.takes >= run.step else layer
+def _too_long(run: Trajectory, most: float = 1.0) -> bool:
+    """Whether the nodes of its steps may miss a thin layer of a law, as another run's then do."""
+    return run._resume is not None and run._resume.too_long > most
 
 
-def _seeing(layer: Layer, run: Trajectory, factor: int, n: int, want: Accuracy) -> int:
-    """By what to shorten the first of n steps for one to lie in a layer that a run missed."""
-    factor *= 2 ** max(math.ceil(math.log2(run.step / layer.takes)), 1)
+def _seeing(run: Trajectory, factor: int, n: int, want: Accuracy) -> int:
+    """By what to shorten the first of n steps for nodes to lie in the layers a run missed."""
+    # How thin a layer is shows as steps come near it.
+    factor *= 2 if run._resume.too_long <= 2 else 4
     if n * factor > _MOST_STEPS:
-        raise NotMetError(f"{want}: not met with {n * factor} steps: {layer.told()}")
+        layer, told = run._layer(), run._pole_passed()
+        if told is None and layer is not None:
+            told = layer.told()
+        if told is None:
+            told = "a law changes in a layer thinner than a step (take dt below that, or a wider layer)"
+        raise NotMetError(f"{want}: not met with {n * factor} steps: {told}")
     return factor
 
 

@@ -408,11 +408,12 @@ class StructureRun(MountRun):
         given["watched"], given["sides"], given["most"] = self._watched()
         (
             states, at_times, last, kept, n_kept, made, n_reached, reached, ended, counted, rough,
-            reason, found, n_found,
+            reason, found, n_found, too_long,
         ) = _native.call_either(
             count > _native.MANY_STEPS, partial(core.structure_simulate, **given)
         )  # fmt: skip
         self.resolution = float(rough)
+        self.too_long = max(self.too_long, float(too_long))
         self._refuse(reason)
         if reason == self.too_large:
             ended, reached = self.coarse, self.time

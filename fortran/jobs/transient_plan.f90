@@ -1,0 +1,46 @@
+!> What a motion in time is about to compute and what it skips, in words.
+module viscovib_transient_plan
+  use viscovib_kinds, only: wp
+  use viscovib_method_catalogue, only: method_order, transient_methods
+  use viscovib_status, only: show
+  use viscovib_transient_job, only: first_steps, transient_job
+  implicit none
+  private
+
+  public :: plan_transient, plan_steps
+
+contains
+
+  !> What will be computed and what is skipped, with the reasons.
+  function plan_transient(job) result(text)
+    class(transient_job), intent(in) :: job
+    character(len=:), allocatable :: text
+    character(len=*), parameter :: nl = new_line('a')
+
+    text = 'computes: motion to t = '//show(job%t_end)//' by ' &
+           //trim(transient_methods(job%method))//', order '//show(method_order(job%method))//nl &
+           //plan_steps(job)
+  end function plan_transient
+
+  !> The lines about steps and what is kept.
+  function plan_steps(job) result(text)
+    class(transient_job), intent(in) :: job
+    character(len=:), allocatable :: text
+    character(len=*), parameter :: nl = new_line('a')
+
+    if (job%dt > 0.0_wp) then
+      text = 'computes: '//show(first_steps(job, 0.0_wp))//' equal steps'//nl &
+             //'skips: estimate of the error (the step is given)'//nl
+    else
+      text = 'computes: the step, halved until the states kept change by no more than ' &
+             //show(job%tolerance)
+      if (job%relative > 0.0_wp) text = text//' and '//show(job%relative)//' of the largest'
+      text = text//nl
+    end if
+    if (job%last_only) text = text//'skips: storing states on the way (only the last is ' &
+                              //'asked for)'//nl
+    if (job%save_every > 1) text = text//'skips: storing all but one state in ' &
+                                   //show(job%save_every)//' (the others are not asked for)'//nl
+  end function plan_steps
+
+end module viscovib_transient_plan
