@@ -144,11 +144,9 @@ def _seeing(run: Trajectory, factor: int, n: int, want: Accuracy) -> int:
     # How thin a layer is shows as steps come near it.
     factor *= 2 if run._resume.too_long <= 2 else 4
     if n * factor > _MOST_STEPS:
-        layer, told = run._layer(), run._pole_passed()
-        if told is None and layer is not None:
-            told = layer.told()
-        if told is None:
-            told = "a law changes in a layer thinner than a step (take dt below that, or a wider layer)"
+        layer = run._layer()
+        told = "a law changes in a layer thinner than a step (take dt below that, or a wider layer)"
+        told = run._pole_passed() or (told if layer is None else layer.told())
         raise NotMetError(f"{want}: not met with {n * factor} steps: {told}")
     return factor
 
