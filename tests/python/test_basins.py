@@ -36,6 +36,39 @@ def test_a_saddle_attracts_nothing():
     assert not found.complete
 
 
+@pytest.mark.parametrize("memory", [False, True])
+def test_what_creeps_has_not_settled(memory):
+    """Each start moved less than the tolerance a look, and was an attractor of its own."""
+    given = {}
+    if memory:
+        kernel = vv.PronyKernel(weights=[0.3], rates=[1.0])
+        given = {"springs": [vv.Springs(stiffness=0.3, kernel=kernel)]}
+    starts = {"x": [-1.2, -0.3, 0.4, 1.3], "x_dot": [-0.5, 0.5]}
+    slow = vv.PolynomialSystem(mass=1, stiffness=-1, damping=1e4, forces="x^3 + 0.05", **given)
+    found = vv.basins(slow, starts, t_end=2.0, dt=1e-4 if memory else "auto")
+    assert not found.attractors
+    assert (found.labels == -1).all()
+
+
+def test_attractors_of_random_wells_are_the_roots():
+    """Damping over five decades, runs too short and long enough: no two are of one well."""
+    rng = np.random.default_rng(3)
+    settled = 0
+    for _ in range(12):
+        c, tilt = 10 ** rng.uniform(-3, 2), rng.uniform(-0.2, 0.2)
+        end = 10 ** rng.uniform(0, 3)
+        wells = vv.PolynomialSystem(mass=1, stiffness=-1, damping=c, forces=f"x^3 + {tilt}")
+        found = vv.basins(wells, {"x": [-1.2, -0.3, 0.4, 1.3], "x_dot": [0.0, 0.3]}, t_end=end)
+        roots = np.roots([1, 0, -1, tilt])
+        roots = roots.real[(abs(roots.imag) < 1e-9) & (3 * roots.real**2 > 1)]
+        near = [int(np.argmin(abs(roots - one[0, 0]))) for one in found.attractors]
+        assert len(set(near)) == len(near)
+        for one, i in zip(found.attractors, near, strict=True):
+            assert one[0, 0] == pytest.approx(roots[i], abs=1e-3)
+        settled += len(near)
+    assert settled >= 6
+
+
 def test_structures_have_basins():
     """A structure of few coordinates is the polynomial system of the same equations."""
     beam = vv.Structure(

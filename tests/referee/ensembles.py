@@ -178,6 +178,50 @@ state, total = many.state, many.spectrum.sum(axis=1)
     return Case(call, judge)
 
 
+def _beside(rng, index):
+    """Exponents by motions beside a motion: the sum is the mean trace along SciPy's motion."""
+    k, c = few(rng, 0.3, 30, 3), few(rng, 0.01, (1, 60)[index % 2], 3)
+    law, force, slope = (
+        ("0.5*abs(x)", lambda x, v: 0.5 * abs(x), lambda x, v: 0.0),
+        ("4*max(x - 0.3, 0)", lambda x, v: 4 * max(x - 0.3, 0), lambda x, v: 0.0),
+        ("5*x_dot*abs(x_dot)", lambda x, v: 5 * v * abs(v), lambda x, v: 10 * abs(v)),
+        ("20*max(x_dot, 0)", lambda x, v: 20 * max(v, 0), lambda x, v: 20.0 * (v > 0)),
+    )[index % 4]
+    load, nu = even(rng, 0.2, 2, 2), round(float(rng.uniform(0.3, 2) * np.sqrt(k)), 3)
+    start = [even(rng, 0.1, 1, 3), even(rng, -1, -0.1, 3)]
+    # Steps are given: coarse ones beside the damping would be judged too.
+    step = round(min(0.3 / np.sqrt(k), 2 / (c + 20)), 4)
+    n, before = int(rng.integers(80, 200)), int(rng.choice([0, 40]))
+    call = f"""system = vv.PolynomialSystem(mass=1, stiffness={k}, damping={c}, forces={law!r})
+many = vv.simulate_ensemble(system, initial={start}, load={load}, nu={nu}, t_end={n * step},
+    discard={before * step}, dt={step}, lyapunov="all")
+total, h, outcome = many.spectrum.sum(), many.step[0], many.outcome[0]
+"""
+
+    def judge(names, told):
+        yield Claim("completed", names["outcome"] == "completed", True)
+        begin, end = before * names["h"], n * step
+        # Neighbours pass a corner before or after: that tells where it is only grazed.
+        off = 3e-7 * np.sqrt(k) * max(1.0, load / k)
+
+        def rates(t, y):
+            x, v = y[:2]
+            traces = [-c - slope(x + d, v + d) for d in (0.0, off, -off)]
+            return [v, load * np.sin(nu * t) - c * v - k * x - force(x, v), *traces]
+
+        run = solve_ivp(
+            rates, (0, end), [*start, 0.0, 0.0, 0.0], "DOP853", rtol=1e-10, atol=1e-13,
+            t_eval=[begin, end], max_step=0.05 / np.sqrt(k),
+        )  # fmt: skip
+        grown, *others = run.y[2:, 1] - run.y[2:, 0]
+        grazed = max(abs(other - grown) for other in others)
+        admitted = 2e-4 + 2e-5 * abs(grown) + grazed
+        total = names["total"] * (end - begin)
+        yield Claim("sum by neighbours", total, grown, admitted, damage=1e-2)
+
+    return Case(call, judge)
+
+
 def _settled(rng, index):
     """Two wells: SciPy settles where the grid says."""
     c, k = even(rng, 0.2, 0.6, 3), even(rng, 0.5, 1.5, 3)
@@ -196,11 +240,13 @@ same = bool((b.to_dataset()["label"].values == b.labels).all())
                 [grid[(j + 1) % 3], grid[j]], "DOP853", rtol=1e-10, atol=1e-12,
             )  # fmt: skip
             if abs(abs(run.y[0, -1]) - np.sqrt(k)) < 1e-5:
-                yield Claim("well", names["place"][j, (j + 1) % 3], run.y[0, -1], 1e-4)
+                place = names["place"][j, (j + 1) % 3]
+                yield Claim("well", place, run.y[0, -1], 1e-4, damage=1e-3)
 
     return Case(call, judge)
 
 
 def case(rng, index):
     """Draw lanes."""
-    return (_lanes, _failed, _systems, _gathered, _settled)[index % 5](rng, index // 5)
+    families = (_lanes, _failed, _systems, _gathered, _settled, _beside)
+    return families[index % 6](rng, index // 6)

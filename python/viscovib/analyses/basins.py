@@ -36,6 +36,8 @@ _FEW, _LONG = 6, 1e4
 _PROBES, _PROBED = 16, 1e-6
 #: Disturbances by which an attractor is told from a saddle, and their negatives.
 _PUSHES = 3
+#: What is left of a disturbance beside an attractor at most; how little a rest moves, of the scale.
+_NEARER, _STANDS = 0.5, 1e-12
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -45,9 +47,9 @@ class Basins(Result):
     Attributes
     ----------
     labels : ndarray of int, shape (n_y, n_x)
-        Place in ``attractors``; -1: has not settled (slow, chaotic, of a longer period, or on a
-        motion that does not attract, such as a saddle); -2: the run did not reach its end (it
-        diverged).
+        Place in ``attractors``; -1: has not settled (slow, still creeping, chaotic, of a longer
+        period, or on a motion that does not attract, such as a saddle); -2: the run did not reach
+        its end (it diverged).
     attractors : tuple of ndarray, shape (period, 2 n_dof)
         States of each attractor, one a period of the load, those with more starts first; of a
         system without a load its state of rest.
@@ -191,6 +193,8 @@ def basins(
     if not isinstance(system, Pendulum):
         call |= {"load": load, "nu": nu}
     call["dt"] = _step(system, states, call) if _native.is_auto(dt) else dt
+    if t_end is not None and _native.is_auto(dt):
+        call["dt"] = min(call["dt"], _native.number("t_end", t_end))
     length: dict[str, Any]
     if loaded:
         if t_end is not None or n_periods is None:
@@ -213,7 +217,9 @@ def basins(
             # What it remembers is not in its state.
             more = simulate_ensemble(system, initial=states, t_end=1.1 * end, **call)
         else:
-            more = simulate_ensemble(system, initial=run.state, t_end=0.1 * end, **call)
+            # Of a short run a tenth may be less than a step.
+            finer = {"dt": min(float(run.step[0]), 0.1 * end)}
+            more = simulate_ensemble(system, initial=run.state, t_end=0.1 * end, **(call | finer))
         points, most = np.stack([run.state, more.state], axis=1), 1
     ended = run.outcome == "completed"
     scale = np.abs(np.concatenate([states, *points[ended]])).max(axis=0)
@@ -222,11 +228,12 @@ def basins(
     if fastest > 0:
         pair = np.maximum(scale[::2], scale[1::2] / fastest)
         scale = np.stack([pair, fastest * pair], axis=1).ravel()
-    labels, attractors = _classes(points, ended, most, near, scale)
+    labels, attractors, shown = _classes(points, ended, most, near, scale)
     starts_of = states if _remembers(system) else None
     labels, attractors = _only_stable(
-        system, labels, attractors, near, scale, call | length, starts_of
-    )
+        system, labels, attractors, near, scale, call | length,
+        None if starts_of is None else starts_of[shown],
+    )  # fmt: skip
     share = np.array([(labels == i).mean() for i in range(len(attractors))])
     return Basins(labels.reshape(y.size, x.size), attractors, share, names, x, y, near, system)
 
@@ -235,10 +242,15 @@ def _remembers(system: Any) -> bool:
     """Whether a state is more than coordinates and velocities: kernels, or hysteresis."""
     if isinstance(system, Pendulum):
         return False
-    if system._all_kernels if isinstance(system, Structure) else system._active_kernels:
+    if _has_kernels(system):
         return True
     elements = system._all_elements if isinstance(system, Structure) else ()
     return any(element.law is not None and element.law.state for element in elements)
+
+
+def _has_kernels(system: Any) -> bool:
+    kernels = system._all_kernels if isinstance(system, Structure) else system._active_kernels
+    return bool(kernels)
 
 
 def _fastest(system: Any, call: Mapping[str, Any]) -> float:
@@ -270,9 +282,14 @@ def _only_stable(
 ) -> tuple[npt.NDArray[np.intp], tuple[FloatArray, ...]]:
     """Leave out motions that repeat but do not attract: disturbed a little they go elsewhere.
 
-    A start may lie on a saddle, or on what leads to one. Where a state on the orbit is more than
-    its numbers, what is disturbed is a start that settles there (``starts``); most must come back,
-    as it may lie near a border.
+    A start may lie on a saddle, or on what leads to one. A motion may also creep: of what it has
+    left to go, a look sees a part. As long again as the run was, an attractor stays where it is,
+    and what is beside it comes nearer; what stands still to the last digits is at rest (friction
+    holds it anywhere, and neighbours stay where they are).
+
+    Where a state on the orbit is more than its numbers, what is disturbed is a start that settles
+    there (``starts``, one of each orbit); most must come back, as it may lie near a border. With
+    kernels they must come nearer, too.
     """
     if not orbits:
         return labels, orbits
@@ -280,22 +297,36 @@ def _only_stable(
     # No direction is special.
     pushed = np.random.default_rng(1).uniform(0.5, 1.0, (_PUSHES, scale.size))
     pushed *= np.resize([1.0, -1.0, -1.0], pushed.shape)
-    pushed = 3 * near * scale * np.concatenate([pushed, -pushed])
-    disturbed = [orbit[-1] for orbit in orbits]
-    if starts is not None:
-        disturbed = [starts[np.flatnonzero(labels == i)[0]] for i in range(len(orbits))]
+    pushed = 3 * near * np.concatenate([np.zeros((1, scale.size)), pushed, -pushed])
+    places = [orbit[-1] for orbit in orbits] if starts is None else list(starts)
     run = simulate_ensemble(
-        system, initial=np.concatenate([place + pushed for place in disturbed]), **call
+        system, initial=np.concatenate([place + pushed * scale for place in places]), **call
     )
-    ends = run.state.reshape(len(orbits), -1, scale.size)
-    back = [
-        (np.abs(end[:, None] - orbit) / scale).max(axis=2).min(axis=1) <= 10 * near
-        for end, orbit in zip(ends, orbits, strict=True)
-    ]
-    stays = [bool(one.all() if starts is None else 2 * one.sum() > one.size) for one in back]
-    place = np.where(stays, np.cumsum(stays) - 1, UNSETTLED)
+    completed = (run.outcome == "completed").reshape(len(orbits), -1)
+    ends = run.state.reshape(len(orbits), -1, scale.size) / scale
+    kernels = np.bool_(starts is not None and _has_kernels(system))
+    kept: list[FloatArray] = []
+    place = np.full(len(orbits), UNSETTLED)
+    for i in range(len(orbits)):
+        if not completed[i].all():
+            continue
+        orbit = orbits[i] / scale
+        away = np.abs(ends[i][:, None] - orbit).max(axis=2).min(axis=1)
+        back = away[1:] <= 10 * near
+        # Of disturbances those that are left are beside where the motion itself has gone.
+        left = np.abs(ends[i][1:] - ends[i][0]).max(axis=1)
+        nearer = left <= _NEARER * np.abs(pushed[1:]).min(axis=1)
+        if starts is not None:
+            back &= nearer | ~kernels
+            good = bool(2 * back.sum() > back.size)
+        else:
+            settled = bool(nearer.all()) or bool(away[0] <= _STANDS)
+            good = bool(back.all()) and bool(away[0] <= 2 * near) and settled
+        if good:
+            place[i] = len(kept)
+            kept.append(orbits[i])
     labels = np.where(labels >= 0, place[np.maximum(labels, 0)], labels)
-    return labels, tuple(orbit for orbit, stable in zip(orbits, stays, strict=True) if stable)
+    return labels, tuple(kept)
 
 
 def _step(system: Any, states: FloatArray, call: Mapping[str, Any]) -> float:
@@ -344,23 +375,31 @@ def _classes(
     most: int,
     near: float,
     largest: FloatArray,
-) -> tuple[npt.NDArray[np.intp], tuple[FloatArray, ...]]:
-    """Label runs by the orbits that their last points, shape (n, n_points, width), repeat."""
+) -> tuple[npt.NDArray[np.intp], tuple[FloatArray, ...], npt.NDArray[np.intp]]:
+    """Label runs by the orbits that their last points, shape (n, n_points, width), repeat.
+
+    Also return which run shows each orbit: that which repeats best.
+    """
     labels = np.where(ended, UNSETTLED, LEFT)
     if not ended.any():
-        return labels, ()
+        return labels, (), np.zeros(0, dtype=int)
     scale = np.maximum(largest, 1e-9 * max(float(largest.max()), 1e-290))
     own = points / scale
     period = np.zeros(labels.size, dtype=int)
+    misses = np.full(labels.size, np.inf)
     for p in range(most, 0, -1):
         # The whole of the last period must repeat, not one state of it by chance.
         apart = np.abs(own[:, -p:] - own[:, -2 * p : -p]).max(axis=(1, 2))
-        period[ended & (apart <= near)] = p
+        repeats = ended & (apart <= near)
+        period[repeats], misses[repeats] = p, apart[repeats]
     orbits: list[FloatArray] = []
+    shown: list[int] = []
     found = np.full(labels.size, UNSETTLED)
     for p in range(1, most + 1):
         left = np.flatnonzero(period == p)
+        left = left[np.argsort(misses[left], kind="stable")]
         while left.size:
+            shown.append(int(left[0]))
             orbit = points[left[0], -p:]
             apart = np.abs(own[left, -1][:, None] - orbit / scale).max(axis=2).min(axis=1)
             same = apart <= 10 * near
@@ -371,4 +410,4 @@ def _classes(
     order = np.argsort([-(found == i).sum() for i in range(len(orbits))], kind="stable")
     for new, old in enumerate(order):
         labels[found == old] = new
-    return labels, tuple(orbits[i] for i in order)
+    return labels, tuple(orbits[i] for i in order), np.array(shown, dtype=int)[order]

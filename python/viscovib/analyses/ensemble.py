@@ -124,11 +124,13 @@ def simulate_ensemble(
         Disturbances are measured as states are, velocities beside displacements. So where motions
         swing at omega far from 1 rad/s, an exponent is uncertain by ln(omega)/T after a time T:
         take a unit of time in which omega is about 1, or long runs.
-        Run by run, and of more than 3 coordinates, by motions beside the motion, 1e-7 of its
-        size away, which switch at times of their own: exponents are then good to about 1e-6 of
-        the fastest rate. With memory, or elements that know what was, a state is the whole past:
-        a disturbance is one of coordinates and velocities at t = 0, its own past is scaled with
-        it, and "all" are the 2 n_dof largest exponents of infinitely many.
+        Run by run, and of more than 3 coordinates, by motions beside the motion, 1e-7 of its size
+        of late away, which switch at times of their own: exponents are then good to about 1e-6 of
+        the fastest rate (less where a motion only grazes a corner). -inf: a disturbance vanishes
+        altogether (friction that sticks); NaN: no step is left after ``discard``. With memory, or
+        elements that know what was, a state is the whole past: a disturbance is one of coordinates
+        and velocities at t = 0, its own past is scaled with it, and "all" are the 2 n_dof largest
+        exponents of infinitely many.
     sample_every : int
         Steps between the samples of statistics and amplitudes.
     n_threads : int

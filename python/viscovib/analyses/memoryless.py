@@ -31,7 +31,7 @@ METHODS = {"gauss8": 1, "gauss16": 2, "gauss2": 3, "gauss3": 4} | {
 }
 #: Numbers that a run needs to go on; the core uses as many as the method has.
 _MEMORY = 256
-#: Coordinates of a polynomial system that the methods of a pendulum take.
+#: Coordinates of a polynomial system that explicit methods take: those of a lane of the core.
 MAX_DOF = 6
 
 
@@ -155,6 +155,16 @@ def polynomial_runs(
     return partial(PolynomialRun.of_job, system, name, state, solved, job), steps
 
 
+def _of_states(size: int, method: str, n: int) -> npt.NDArray[np.bool_]:
+    """Which numbers that steppers keep are coordinates, velocities, and the rests of both.
+
+    Collocation keeps n of each, explicit methods as many as their lanes have at most.
+    """
+    belongs = np.zeros(size, dtype=bool)
+    belongs[: 4 * (n if method.startswith("gauss") else MAX_DOF)] = True
+    return belongs
+
+
 class PolynomialRun(Run):
     """A run of a polynomial system without memory."""
 
@@ -201,6 +211,17 @@ class PolynomialRun(Run):
     def switched(self) -> FloatArray:
         """What elements know, and sides of surfaces, as the core keeps them behind the method's."""
         return np.empty(0) if self.memory is None else self.memory[int(self.memory[-1]) : -2]
+
+    def belongs_to_state(self) -> npt.NDArray[np.bool_]:
+        """Coordinates, velocities, what rounding left of them, and what elements know."""
+        assert self.memory is not None
+        belongs = _of_states(self.memory.size, self.method, int(np.count_nonzero(self.job[6])))
+        belongs[int(self.memory[-1]) : -2] = True
+        return belongs
+
+    def compute_all(self) -> None:
+        """Compute all coordinates."""
+        self.job = (*self.job[:6], np.ones_like(self.job[6]), *self.job[7:])
 
     def power(self, t: FloatArray, state: FloatArray) -> FloatArray:
         """Power of load and damping."""
@@ -274,6 +295,15 @@ class _PendulumRun(Run):
     def swings(self) -> int:
         """Whether anything moves phi or psi; else the spring alone is integrated."""
         return int(self.begin[2:].any() or self.system.m01 != 0 or self.system.m02 != 0)
+
+    def belongs_to_state(self) -> npt.NDArray[np.bool_]:
+        """Coordinates, velocities, and what rounding left of them."""
+        assert self.memory is not None
+        return _of_states(self.memory.size, self.method, 3)
+
+    def compute_all(self) -> None:
+        """Compute all coordinates."""
+        self.begin = np.ones_like(self.begin)
 
     def _plan(self, end: float, dt: float, tolerance: float, every: int, last: bool) -> bytes:
         text: bytes = _native.call(

@@ -9,40 +9,51 @@ disturbances (saltation) is in the difference.
 With memory the state is the whole past. A disturbance is then one of coordinates and velocities at
 t = 0 under an undisturbed past; from there on its own past belongs to it and is scaled with it.
 Exponents are the growth of its present coordinates and velocities: those of the past follow.
+
+What a run keeps beside its state (phases of loads, first guesses, marks) is that of the motion.
+Phases differ by rounding where steps end at kinks: made longer with a difference that decays, such
+a rest would never decay, and be the largest disturbance in the end.
 """
 
 from __future__ import annotations
 
+import copy
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
+import numpy.typing as npt
 
 from viscovib._native import FloatArray
 from viscovib.analyses.runs import Run, Wanted
+from viscovib.errors import InputError
 
 #: Distance of a neighbour, of the size of the motion; below this part of it two motions are one.
 _APART, _ONE = 1e-7, 1e-7
 #: Growth between two looks that is taken for a moment between two switches, when first seen.
 _LEAP = 1e3
-#: How near to a whole turn phases are that differ by one.
-_TURN = 1e-9
-#: States by which the size of a motion is known.
-_LOOKS = 512
+#: What is left of a difference at least, lest rounding be seen; looks are as near as that needs.
+_LEFT = 1e-2
+#: The same of one step, and by how much steps are shorter where less is left.
+_LEFT_OF_STEP, _FINER = 1e-5, 8
+#: Looks in a row that may find a neighbour on another side: a moment is not that long.
+_PATIENCE = 2
+#: Differences of sides are whole numbers; marks and counts are less than this.
+_MARKED, _COUNTED = 0.5, 1e6
+#: States by which the size of a motion is known, and looks by which that of late.
+_LOOKS, _RECENT = 512, 16
+#: Distances of neighbours at least, of the largest size of the motion.
+_LEAST = 1e-100
 
 
-@dataclass
-class _Neighbour:
-    """A run beside another."""
-
-    run: Run
-    #: Sum of the logarithms of growth.
-    grown: float = 0.0
+class _TooFarError(Exception):
+    """A difference nearly vanishes within one step."""
 
 
 def exponents_of(
-    make: Callable[[FloatArray | None], Run],
+    make: Callable[..., Run],
     widths: tuple[int, int],
     n_steps: int,
     n_discard: int,
@@ -51,83 +62,169 @@ def exponents_of(
 ) -> FloatArray:
     """Mean rates of growth of ``count`` disturbances; NaN of a motion that stops.
 
-    ``make`` begins the run, its start moved by so much; ``widths`` of a start, and of what is kept
-    of coordinates and velocities; ``quarter``: steps between two looks.
+    ``make(moved, finer=)`` begins the run, its start moved by so much, in steps so many times
+    shorter; ``widths`` of a start, and of what is kept of coordinates and velocities; ``quarter``:
+    steps between two looks at most.
     -inf: the disturbance vanishes altogether, as where friction sticks.
     """
-    missing = np.full(count, math.nan)
-    scout = make(None)
-    looked = scout.steps(n_steps, Wanted(every=max(1, n_steps // _LOOKS)), False)
-    if looked.outcome != "completed":
-        return missing
-    begun, width = widths
-    size = np.abs(looked.state[:, :width]).max(axis=0)
-    # Coordinates with coordinates, velocities with velocities.
-    time = quarter * scout.h
-    length = max(float(size[::2].max()), time * float(size[1::2].max())) or 1.0
-    scale = np.resize([length, length / time], width)
-    base = make(None)
-    # In no special direction.
-    first = np.linalg.qr(np.random.default_rng(1).standard_normal((begun, count)))[0]
-    units = np.resize(scale, begun)
-    others = [_Neighbour(make(_APART * units * first[:, j])) for j in range(count)]
-    done, leapt = 0, False
-    while done < n_steps:
-        n = min(quarter, (n_discard if done < n_discard else n_steps) - done)
-        runs = [base, *(other.run for other in others)]
-        if any(run.steps(n, Wanted(keep="last"), False).outcome != "completed" for run in runs):
+    try:
+        beside = _Beside(partial(make, finer=1), widths, count, quarter)
+        return beside.rates(n_steps, n_discard)
+    except _TooFarError:
+        beside = _Beside(partial(make, finer=_FINER), widths, count, _FINER * quarter)
+        beside.last_try = True
+        return beside.rates(_FINER * n_steps, _FINER * n_discard)
+
+
+@dataclass
+class _Renewal:
+    """Differences made orthogonal and short again."""
+
+    parts: list[FloatArray]
+    #: Of each, what its length was before, in that of a renewed one.
+    lengths: FloatArray
+
+
+class _Beside:
+    """A motion and motions beside it."""
+
+    def __init__(
+        self,
+        make: Callable[[FloatArray | None], Run],
+        widths: tuple[int, int],
+        count: int,
+        quarter: int,
+    ) -> None:
+        self.make, self.widths, self.count, self.quarter = make, widths, count, quarter
+        #: Whether steps are as short as they become.
+        self.last_try = False
+        self.runs: list[Run] = []
+        #: Sums of the logarithms of growth.
+        self.grown = np.zeros(count)
+
+    def rates(self, n_steps: int, n_discard: int) -> FloatArray:
+        """Follow them; mean growth between the first and the last renewal of what counts."""
+        missing = np.full(self.count, math.nan)
+        if n_discard >= n_steps or not self._begin(n_steps):
             return missing
-        done += n
-        leapt = not _renew(base, others, scale, patient=not leapt, last=done == n_steps)
-        if done == n_discard:
-            for other in others:
-                other.grown = 0.0
-    return np.array([other.grown for other in others]) / (base.h * (n_steps - n_discard))
+        done = renewed = waited = 0
+        since = 0 if n_discard == 0 else -1
+        look = self.quarter
+        while done < n_steps:
+            n = min(look, (n_discard if done < n_discard else n_steps) - done)
+            before = [copy.copy(run) for run in self.runs]
+            if any(run.steps(n, Wanted(keep="last"), False).outcome != "completed"
+                   for run in self.runs):  # fmt: skip
+                return missing
+            found = self._renewal()
+            alive = found.lengths[np.isfinite(self.grown)]
+            least, most = alive.min(initial=1.0), alive.max(initial=1.0)
+            if n > 1 and (least < _LEFT or most > _LEAP):
+                self.runs, look = before, max(1, n // 4)
+                continue
+            if least < _LEFT_OF_STEP and not self.last_try:
+                raise _TooFarError
+            done += n
+            # One has switched and the other not yet: the difference is that of a moment.
+            if (most > _LEAP or self._astride()) and waited < _PATIENCE:
+                waited += 1
+                if done < n_steps or renewed > max(since, 0):
+                    continue
+            waited = 0
+            self._renew(found)
+            renewed = done
+            if since < 0 and done >= n_discard:
+                since = done
+                self.grown[np.isfinite(self.grown)] = 0.0
+            if least > math.sqrt(_LEFT):
+                look = min(self.quarter, 2 * look)
+        if since < 0 or renewed <= since:
+            return missing
+        rates: FloatArray = self.grown / (self.runs[0].h * (renewed - since))
+        return rates
+
+    def _begin(self, n_steps: int) -> bool:
+        """The motion and those beside it at the start; False: the motion stops."""
+        scout = self.make(None)
+        looked = scout.steps(n_steps, Wanted(every=max(1, n_steps // _LOOKS)), False)
+        if looked.outcome != "completed":
+            return False
+        begun, width = self.widths
+        size = np.abs(looked.state[:, :width]).max(axis=0)
+        # Coordinates with coordinates, velocities with velocities.
+        time = self.quarter * scout.h
+        length = max(float(size[::2].max()), time * float(size[1::2].max())) or 1.0
+        self.scale = np.resize([length, length / time], width)
+        # A motion may grow or fade by many orders: what is near is so of its size there.
+        early = looked.state[: 2 + 4 * self.quarter // max(1, n_steps // _LOOKS), :width]
+        self.sizes = [float(np.linalg.norm(early / self.scale, axis=1).max()) or 1.0]
+        self.apart = _APART * self.sizes[0]
+        # In no special direction.
+        first = np.linalg.qr(np.random.default_rng(1).standard_normal((begun, self.count)))[0]
+        units = np.resize(self.scale, begun)
+        moves = [None, *(self.apart * units * first[:, j] for j in range(self.count))]
+        self.runs = [self.make(moved) for moved in moves]
+        for run in self.runs:
+            run.compute_all()
+        return True
+
+    def _renewal(self) -> _Renewal:
+        """Orthogonal differences from the motion, and their lengths."""
+        own = _whole(self.runs[0])
+        belongs = self.runs[0].belongs_to_state()
+        n, width = self.runs[0].state.size, self.scale.size
+        parts: list[FloatArray] = []
+        lengths = np.zeros(self.count)
+        for j, run in enumerate(self.runs[1:]):
+            its = _whole(run)
+            if its.size != own.size:
+                raise InputError(
+                    "lyapunov: motions beside each other end their steps at kinks and keep all of "
+                    "their past, each another; must be False, or the kernels sums of exponentials"
+                )
+            whole = its - own
+            whole[n:] = np.where(belongs & ~_marks(own[n:], its[n:]), whole[n:], 0.0)
+            for _ in range(2):
+                for part in parts:
+                    along = (part[:width] / self.scale) @ (whole[:width] / self.scale)
+                    whole = whole - along / self.apart * (part / self.apart)
+            length = float(np.linalg.norm(whole[:width] / self.scale)) / self.apart
+            lengths[j] = length
+            parts.append(whole / length if length > _ONE else np.zeros_like(whole))
+        return _Renewal(parts, lengths)
+
+    def _renew(self, found: _Renewal) -> None:
+        """Put the neighbours where they are near again."""
+        own, n = _whole(self.runs[0]), self.runs[0].state.size
+        size = float(np.linalg.norm(own[: self.scale.size] / self.scale))
+        self.sizes = [*self.sizes[1 - _RECENT :], size]
+        apart = _APART * max(self.sizes)
+        # At rest at zero all distances are small.
+        new = apart / self.apart if apart > _LEAST else 1.0
+        for j, (run, part) in enumerate(zip(self.runs[1:], found.parts, strict=True)):
+            length = found.lengths[j]
+            self.grown[j] += math.log(length) if length > _ONE else -math.inf
+            moved = own + new * part
+            run.state, run.memory = moved[:n].copy(), moved[n:].copy()
+        self.apart *= new
+
+    def _astride(self) -> bool:
+        """Whether a neighbour is on another side of a surface than the motion."""
+        mine = self.runs[0].switched
+        return any(
+            bool((np.abs(run.switched - mine) >= np.maximum(_MARKED, 1e-3 * np.abs(mine))).any())
+            for run in self.runs[1:]
+        )
 
 
-def _renew(
-    base: Run, others: list[_Neighbour], scale: FloatArray, *, patient: bool, last: bool
-) -> bool:
-    """Make differences orthogonal and short again; False: that is left for the next look."""
-    assert base.memory is not None
-    own = np.concatenate([base.state, base.memory])
-    n, width = base.state.size, scale.size
-    differences = []
-    for other in others:
-        assert other.run.memory is not None
-        its = np.concatenate([other.run.state, other.run.memory])
-        # Phases of loads are the same, but rounding may have turned one more.
-        turned = np.abs(np.abs(its - own) - 2 * math.pi) < _TURN
-        turned &= np.minimum(np.abs(its), np.abs(own)) < _TURN
-        differences.append(np.where(turned, 0.0, its - own))
-    apart = max(float(np.linalg.norm(d[:width] / scale)) for d in differences)
-    # One has switched and the other not yet: the difference is that of a moment.
-    if not last and ((patient and apart > _LEAP * _APART) or _astride(base, others)):
-        return False
-    parts: list[FloatArray] = []
-    for other, whole in zip(others, differences, strict=True):
-        for _ in range(2):
-            for part in parts:
-                along = (part[:width] / scale) @ (whole[:width] / scale)
-                whole = whole - along / _APART**2 * part
-        length = float(np.linalg.norm(whole[:width] / scale))
-        if length <= _ONE * _APART:
-            other.grown, whole = -math.inf, np.zeros_like(whole)
-        else:
-            other.grown += math.log(length / _APART)
-            whole = whole * (_APART / length)
-        parts.append(whole)
-        moved = own + whole
-        other.run.state, other.run.memory = moved[:n].copy(), moved[n:].copy()
-    return True
+def _marks(own: FloatArray, its: FloatArray) -> npt.NDArray[np.bool_]:
+    """Which numbers of a memory say yes or no, or count: whole ones, that differ."""
+    small = np.maximum(np.abs(own), np.abs(its)) < _COUNTED
+    whole = (own == np.rint(own)) & (its == np.rint(its))
+    return np.asarray(whole & small)
 
 
-def _astride(base: Run, others: list[_Neighbour]) -> bool:
-    """Whether a neighbour is on another side of a surface than the motion."""
-    mine = base.switched
-    for other in others:
-        its = other.run.switched
-        off = np.abs(its - mine)
-        if (off >= np.maximum(0.5, 1e-3 * np.abs(mine))).any():
-            return True
-    return False
+def _whole(run: Run) -> FloatArray:
+    """All that going on needs."""
+    assert run.memory is not None
+    return np.concatenate([run.state, run.memory])

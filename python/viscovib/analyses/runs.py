@@ -296,6 +296,14 @@ class Run(ABC):
         """What tells on which sides of its surfaces the motion is; none: nothing switches."""
         return np.empty(0)
 
+    def belongs_to_state(self) -> npt.NDArray[np.bool_]:
+        """Which numbers of the memory are of the state; others are of time, or of the method."""
+        assert self.memory is not None
+        return np.ones(self.memory.size, dtype=bool)
+
+    def compute_all(self) -> None:  # noqa: B027
+        """Compute all coordinates, also those that nothing moves, before the first step."""
+
     @property
     def time(self) -> float:
         """How far the run has come."""

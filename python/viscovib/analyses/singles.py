@@ -232,7 +232,7 @@ class SingleMembers(Members):
         end = h * asked.n_steps
         quarter = max(1, round(asked.n_steps / self._steps(i, end)))
         return exponents_of(
-            lambda moved: self._begin(i, end, h, moved),
+            lambda moved, *, finer: self._begin(i, end, h / finer, moved),
             (self.states.shape[1], 2 * len(self.dof_names)),
             asked.n_steps, asked.n_discard, asked.exponents, quarter,
         )  # fmt: skip

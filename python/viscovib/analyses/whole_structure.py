@@ -98,14 +98,28 @@ class WholeRun(PolynomialRun):
         super().__init__(like.system, like.method, like.state, like.h, like.solved, like.job)
         self.system = structure  # type: ignore[assignment]
 
+    def belongs_to_state(self) -> npt.NDArray[np.bool_]:
+        """As of other systems, but since when it rests against stops is a time."""
+        belongs = super().belongs_to_state()
+        assert self.memory is not None
+        begin = int(self.memory[-1])
+        belongs[begin : begin + 2 * self._n_stops] = False
+        return belongs
+
+    @property
+    def _n_stops(self) -> int:
+        """Stops that are rigid."""
+        structure: Any = self.system
+        stops = [one.law for one in structure._all_elements if one.law is not None]
+        return sum(law.text == "restitution" for law in stops)
+
     def steps(self, n: int, want: Wanted, progress: bool) -> Trajectory:
         """Make n steps."""
         run = super().steps(n, want, progress)
         structure: Any = self.system
         directions = structure._element_directions
         given = {name: getattr(run, name) for name in Trajectory.__dataclass_fields__}
-        stops = [one.law for one in structure._all_elements if one.law is not None]
-        count = sum(law.text == "restitution" for law in stops)
+        count = self._n_stops
         assert self.memory is not None
         # Since when it rests against each side of each stop, as the core keeps it.
         begin = int(self.memory[-1])

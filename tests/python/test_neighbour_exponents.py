@@ -1,0 +1,119 @@
+"""Lyapunov exponents by motions beside a motion: their sum is the mean trace, by SciPy."""
+
+import mpmath
+import numpy as np
+import pytest
+import viscovib as vv
+from scipy.integrate import solve_ivp
+
+#: Laws with corners: text, force, and its slope over the velocity.
+LAWS = (
+    ("0.5*abs(x)", lambda x, v: 0.5 * abs(x), lambda x, v: 0.0),
+    ("4*max(x - 0.3, 0)", lambda x, v: 4 * max(x - 0.3, 0), lambda x, v: 0.0),
+    ("3*min(abs(x), 0.5)*sign(x)", lambda x, v: 3 * np.clip(x, -0.5, 0.5), lambda x, v: 0.0),
+    ("0.1*v*abs(v)", lambda x, v: 0.1 * v * abs(v), lambda x, v: 0.2 * abs(v)),
+    ("20*v*abs(v)", lambda x, v: 20 * v * abs(v), lambda x, v: 40 * abs(v)),
+    ("0.5*max(v, 0)", lambda x, v: 0.5 * max(v, 0), lambda x, v: 0.5 * (v > 0)),
+    ("50*max(v, 0)", lambda x, v: 50 * max(v, 0), lambda x, v: 50.0 * (v > 0)),
+)
+
+
+def system_of(law, k, c, structure):
+    """One coordinate, as a polynomial system or as a structure."""
+    if not structure:
+        return vv.PolynomialSystem(mass=1, stiffness=k, damping=c, forces=law.replace("v", "x_dot"))
+    text = law.replace("(x", "(d")
+    spring = vv.Spring(on={"x1": 1}, stiffness=0.0, law=text)
+    return vv.Structure(mass=[1.0], stiffness=[k], damping=[c], elements=[spring])
+
+
+def mean_trace(force, slope, k, c, load, nu, start, begin, end):
+    """Mean of the trace of the tangent between two times."""
+
+    def rates(t, y):
+        x, v = y[:2]
+        return [v, load * np.sin(nu * t) - c * v - k * x - force(x, v), -c - slope(x, v)]
+
+    run = solve_ivp(
+        rates, (0, end), [*start, 0.0], "DOP853", rtol=1e-10, atol=1e-13,
+        t_eval=[begin, end], max_step=0.05 / np.sqrt(k),
+    )  # fmt: skip
+    return (run.y[2, 1] - run.y[2, 0]) / (end - begin)
+
+
+@pytest.mark.parametrize("which", range(len(LAWS)))
+def test_sums_of_random_kinked_systems(which):
+    """Damping from hardly any to far beyond critical; of what fades by many orders too."""
+    law, force, slope = LAWS[which]
+    rng = np.random.default_rng(100 + which)
+    for i in range(4):
+        k, c = 10 ** rng.uniform(-0.5, 1.5), 10 ** rng.uniform(-2, (0, 1.9)[i % 2])
+        load, nu = (0.0, 0.5, 2.0)[(i + which) % 3], rng.uniform(0.3, 2) * np.sqrt(k)
+        # The trace is that of the motion only where it does not rest on a corner.
+        start = rng.uniform(0.1, 1, 2) * rng.choice([-1, 1], 2)
+        period = 2 * np.pi / np.sqrt(k)
+        n, before = int(rng.integers(100, 300)), int(rng.choice([0, 50]))
+        end, begin = 0.05 * period * n, 0.05 * period * before
+        call = {"initial": start, "t_end": end, "discard": begin, "dt": 0.05 * period}
+        if load:
+            call |= {"load": load, "nu": nu}
+        many = vv.simulate_ensemble(
+            system_of(law, k, c, structure=i % 4 < 2), lyapunov="all", **call
+        )
+        assert many.outcome[0] == "completed"
+        true = mean_trace(force, slope, k, c, load, nu, start, begin, end)
+        assert many.spectrum.sum() * (end - begin) == pytest.approx(
+            true * (end - begin), rel=2e-5, abs=2e-4
+        ), (law, k, c, load, nu, start)
+
+
+def test_what_fades_and_what_grows_without_bound():
+    """Neighbours are near for the size that the motion has there."""
+    for k, c, law, load, end in (
+        (1.88, 8.2113, "0.5*max(x_dot, 0)", 0.0, 91.65),
+        (21.644, 2.7083, "0.5*abs(x)", 0.0, 25.0),
+        (0.428, 1.0479, "0.5*abs(x)", 2.0, 190.0),
+        (0.304, 0.21, "0.5*abs(x)", 1.2, 56.0),
+    ):
+        system = vv.PolynomialSystem(mass=1, stiffness=k, damping=c, forces=law)
+        given = {"load": load, "nu": 0.6} if load else {}
+        many = vv.simulate_ensemble(
+            system, initial=[0.2, 0.1], t_end=end, dt=0.05, lyapunov="all", **given
+        )
+        true = -c
+        if "x_dot" in law:
+            # It creeps back from above but for the beginning.
+            true = mean_trace(*LAWS[5][1:], k, c, 0.0, 1.0, [0.2, 0.1], 0.0, end)
+        assert many.spectrum.sum() == pytest.approx(true, abs=2e-6)
+
+
+def test_coordinates_that_rest_are_disturbed():
+    """Nothing moves the second coordinate: it is a damped oscillator of its own."""
+    c1, c2 = 0.1, 60.0
+    two = vv.Structure(
+        mass=[1.0, 1.0], stiffness=[1.0, 3.0], damping=[c1, c2],
+        elements=[vv.Spring(on={"x1": 1}, stiffness=0.0, law="0.5*abs(d)")],
+    )  # fmt: skip
+    many = vv.simulate_ensemble(
+        two, initial=[0.3, 0.1, 0, 0], load={"x1": 0.5}, nu=1.1, t_end=60, discard=20, dt=0.05,
+        lyapunov="all",
+    )  # fmt: skip
+    root = np.sqrt(c2**2 / 4 - 3)
+    assert many.spectrum[0, 3] == pytest.approx(-c2 / 2 - root, abs=1e-4)
+    assert many.spectrum.sum() == pytest.approx(-c1 - c2, abs=2e-6)
+
+
+@pytest.mark.parametrize(("c", "k"), [(0.1, 1.0), (3.0, 1.0), (20.0, 1.0)])
+def test_sums_with_memory_and_strong_damping(c, k):
+    """The area of disturbances of the present, by the exponential of the whole in 120 digits."""
+    kernel, end = vv.PronyKernel(weights=[0.3], rates=[1.0]), 60
+    system = vv.PolynomialSystem(
+        mass=1, stiffness=0, damping=c, springs=[vv.Springs(stiffness=k, kernel=kernel)]
+    )
+    many = vv.simulate_ensemble(system, initial=[1, 0], t_end=end, dt=0.1, lyapunov="all")
+    with mpmath.workdps(120):
+        whole = mpmath.expm(
+            end * mpmath.matrix([[0, 1, 0], [-k, -c, k], [mpmath.mpf(3) / 10, 0, -1]])
+        )
+        area = float(mpmath.log(abs(whole[0, 0] * whole[1, 1] - whole[0, 1] * whole[1, 0])))
+    assert many.spectrum.sum() * end == pytest.approx(area, abs=1e-5)
