@@ -15,7 +15,7 @@ from viscovib._native import FloatArray, core
 from viscovib.analyses.memoryless import SIDE_BY_SIDE, checked_state
 from viscovib.analyses.runs import MAX_STEPS
 from viscovib.errors import InputError
-from viscovib.systems.load import LoadLike, load_series
+from viscovib.systems.load import LoadLike, load_series, name_places
 from viscovib.systems.pendulum import PARAMETERS, Pendulum
 from viscovib.systems.polynomial_system import PolynomialSystem
 
@@ -115,9 +115,7 @@ class PolynomialMembers(Members):
             raise InputError("parameters: 'forces_scale' must not scale laws with functions")
         self.system = system
         self.varied, self.states = shared_runs(given, initial, 2 * d)
-        self.orders, self.series = load_series(
-            load, None, d, {a: i for i, a in enumerate(system.dof_names)}
-        )
+        self.orders, self.series = load_series(load, None, d, name_places(system.dof_names))
         if load is None and nu is not None:
             raise InputError("nu: must not be given without load")
         frequency = 0.0 if nu is None else _native.number("nu", nu)

@@ -15,7 +15,7 @@ from viscovib.analyses.runs import MAX_STEPS, Piece, Run, ThinLayers, nothing
 from viscovib.common.parameters import MAX_HARMONICS
 from viscovib.common.past import Past
 from viscovib.errors import InputError
-from viscovib.systems.load import LoadLike, load_series
+from viscovib.systems.load import LoadLike, load_series, name_places
 from viscovib.systems.load_table import LoadTable
 from viscovib.systems.mount import Mount
 from viscovib.systems.pendulum import Pendulum
@@ -128,7 +128,9 @@ def polynomial_runs(
         raise InputError(f"initial: must have shape ({2 * n},), got {state.shape}")
     if load is None and nu is not None:
         raise InputError("nu: must not be given without load")
-    orders, series = load_series(load, None, n, {a: i for i, a in enumerate(system.dof_names)})
+    # One number names no coordinate.
+    named = None if type(load) is float else name_places(system.dof_names)
+    orders, series = load_series(load, None, n, named)
     frequency = 0.0 if nu is None else _native.number("nu", nu)
     # Of so few numbers Python's own are looked at faster than arrays.
     given_orders: list[int] = orders.tolist()
