@@ -13,6 +13,7 @@ import numpy.typing as npt
 
 from viscovib import _native
 from viscovib._native import ComplexArray, FloatArray, core
+from viscovib.analyses.kept_numbers import of_mount
 from viscovib.analyses.runs import MAX_STEPS, Piece, Run, Wanted, again, nothing
 from viscovib.common.mesh import Mesh
 from viscovib.common.past import Past
@@ -267,6 +268,17 @@ class MountRun(Run):
         self.shortest, self.kinks = shortest, kinks
         return not ((self.fitted and not same) or left_out)
 
+    def belongs_to_state(self) -> npt.NDArray[np.bool_]:
+        """Coordinates, velocities, what rounding left of them, forces and the past."""
+        assert self.memory is not None
+        n_phases = int(self.motion.frequencies.size)
+        return of_mount(self.memory.size, self.state.size // 2, n_phases)
+
+    def compute_all(self) -> None:
+        """Compute all coordinates."""
+        if self.moves is not None:
+            self.moves = np.ones_like(self.moves)
+
     def _plan(self, end: float, dt: float, tolerance: float, every: int, last: bool) -> bytes:
         motion, mount = self.motion, self.motion.mount
         text: bytes = _native.call(
@@ -362,18 +374,9 @@ class MountRun(Run):
         if reason == _STEP_TOO_LARGE:
             ended, reached = _COARSE, self.time
         part = Piece(
-            states,
-            at_times,
-            last,
-            kept[:n_kept],
-            made,
-            n_reached,
-            reached,
-            ended,
-            counted,
-            found,
+            states, at_times, last, kept[:n_kept], made, n_reached, reached, ended, counted, found,
             n_found,
-        )
+        )  # fmt: skip
         return part, n_kept, reason
 
     def _refuse(self, reason: int) -> None:

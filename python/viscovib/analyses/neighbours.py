@@ -184,6 +184,9 @@ class _Beside:
                 )
             whole = its - own
             whole[n:] = np.where(belongs & ~_marks(own[n:], its[n:]), whole[n:], 0.0)
+            told = whole[n:][self.runs[0].told_by_state()]
+            # Of coordinates and velocities in turn: first all of one kind, then all of the other.
+            told[:] = whole[n - told.size : n].reshape(-1, 2).T.ravel()
             for _ in range(2):
                 for part in parts:
                     along = (part[:width] / self.scale) @ (whole[:width] / self.scale)

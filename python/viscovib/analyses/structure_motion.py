@@ -15,6 +15,7 @@ import numpy.typing as npt
 from viscovib import _native
 from viscovib._native import FloatArray, core
 from viscovib.analyses.hereditary import FIRST, NODES, PASTS, MountRun, history_of
+from viscovib.analyses.kept_numbers import of_structure
 from viscovib.analyses.runs import MAX_STEPS, Piece, Run, Wanted
 from viscovib.analyses.structure_modal import modal_arrays
 from viscovib.common.counts import things
@@ -368,6 +369,20 @@ class StructureRun(MountRun):
         assert isinstance(earlier, StructureRun)
         old = np.array(earlier.motion.base_state(self.time))
         self.kick = old - np.array(self.motion.base_state(self.time))
+
+    def belongs_to_state(self) -> npt.NDArray[np.bool_]:
+        """Modes, deflections, what rounding left of them, forces and the past."""
+        return self._parts[0]
+
+    def told_by_state(self) -> slice:
+        """Deflections and their rates: steps add to them, and what is amiss would stay."""
+        return self._parts[1]
+
+    @property
+    def _parts(self) -> tuple[npt.NDArray[np.bool_], slice]:
+        assert self.memory is not None
+        n_seen = self.state.size // 2 - self.motion.places.size
+        return of_structure(self.memory.size, n_seen, self.motion.modal)
 
     def _plan(self, end: float, dt: float, tolerance: float, every: int, last: bool) -> bytes:
         motion = self.motion
