@@ -271,6 +271,53 @@ def test_tones_that_decay_are_found_with_their_rates(size):
         assert found(t) == pytest.approx(u, abs=1e-8 * a.max())
 
 
+@pytest.mark.parametrize("seed", range(3))
+def test_tones_that_fade_early_are_found_to_rounding(seed):
+    """Decays up to 18 bins: the tone lives in the first hundredth of the record."""
+    rng = np.random.default_rng(seed)
+    for _ in range(25):
+        n = int(10 ** rng.uniform(2.4, 3.8))
+        width = 2 * np.pi / n
+        decay = rng.uniform(5, 18) * width
+        omega = rng.uniform(max(8 * width, 1.2 * decay), np.pi - 8 * width)
+        a, phase, k = 10 ** rng.uniform(-1, 1), rng.uniform(-3, 3), np.arange(n)
+        u = a * np.exp(-decay * k) * np.cos(omega * k + phase) + rng.choice([0.0, 0.4])
+        found = vv.dominant_frequencies(u, 1.0, count=1)
+        assert found.omega == pytest.approx([omega], abs=1e-7 * width)
+        assert found.decay == pytest.approx([decay], abs=1e-7 * width)
+        assert found.resolved.all()
+
+
+def test_what_is_resolved_is_right():
+    """Overlapping tones, decaying or not, of all sizes: either right or told as not resolved."""
+    rng, wrong, lines = np.random.default_rng(3), 0, 0
+    for _ in range(40):
+        n, size = int(10 ** rng.uniform(2.7, 3.6)), int(rng.integers(2, 5))
+        width = 2 * np.pi / n
+        omega = np.sort(rng.uniform(15, n / 2 - 50, size)) * width
+        omega[1] = omega[0] + rng.uniform(0.5, 30) * width
+        decay = np.where(rng.random(size) < 0.5, 0.0, rng.uniform(0, 12, size))
+        a, phase = 10 ** rng.uniform(-2, 0, size), rng.uniform(-3, 3, size)
+        u = 0.2 + sum_of_tones(np.arange(n), a, 2 * np.pi * decay, omega, phase)
+        found = vv.dominant_frequencies(u, 1.0, count=size)
+        off = np.abs(np.subtract.outer(found.omega[found.resolved], omega)).min(axis=1) / width
+        lines += off.size
+        wrong += int((off > 1e-4).sum())
+    assert lines > 80
+    assert wrong == 0
+
+
+def test_lines_beside_what_they_do_not_explain_are_not_resolved():
+    """One line for two tones; a chirp."""
+    k = np.arange(2000)
+    pair = np.cos(0.5 * k) + 0.7 * np.cos(0.507 * k + 1)
+    assert not vv.dominant_frequencies(pair, 1.0, count=1).resolved.any()
+    apart = np.cos(0.5 * k) + 0.7 * np.cos(0.9 * k + 1)
+    assert vv.dominant_frequencies(apart, 1.0, count=1).resolved.all()
+    chirp = np.cos(0.5 * k + 2e-5 * k**2)
+    assert not vv.dominant_frequencies(chirp, 1.0, count=3).resolved.any()
+
+
 def test_decay_is_told_from_noise():
     """Steady tones in noise stay steady; decays well above noise are found with their errors."""
     rng, n = np.random.default_rng(8), 1000

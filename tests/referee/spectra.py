@@ -76,8 +76,10 @@ omega, amplitude, resolved, residual = lines.omega, lines.amplitude, lines.resol
 
 def _decaying(rng, index):
     n, dt, m = int(rng.integers(400, 1200)), few(rng, 0.05, 0.3, 2), int(rng.integers(1, 3))
-    omega, a, phase = _tones(rng, n, dt, m, 40.0)
-    decay = (rng.uniform(0.3, 6, m) / (n * dt)).round(6)
+    omega, a, phase = _tones(rng, n, dt, m, 60.0)
+    # Up to 18 bins, so that a tone lives in the first hundredth of the record; none is overdamped.
+    decay = (rng.uniform(0.3, 6 if index % 2 else 110, m) / (n * dt)).round(6)
+    decay = np.minimum(decay, (0.6 * omega).round(6))
     call = (
         _text(n, dt, omega, a, phase, 0.0, decay)
         + f"""lines = vv.dominant_frequencies(u, {dt}, count={m})
@@ -89,7 +91,7 @@ omega, resolved, residual = lines.omega, lines.resolved, lines.residual
         width = 2 * np.pi / (n * dt)
         for w in names["omega"][np.asarray(names["resolved"], bool)]:
             off = np.abs(omega - w).min() / width
-            yield Claim("frequency of a decaying tone, in bins", 1 + off, 1.0, 0.05, damage=0.2)
+            yield Claim("frequency of a decaying tone, in bins", 1 + off, 1.0, 1e-3, damage=0.2)
         count = len(names["omega"])
         yield Claim("tones found", bool(count >= 1), True)
 

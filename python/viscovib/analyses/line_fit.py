@@ -12,7 +12,9 @@ from viscovib import _native
 from viscovib._native import FloatArray, core
 from viscovib.analyses.signals import windowed
 
-_MAX_ITERATIONS = 40
+_MAX_ITERATIONS = 60
+#: What a step is damped by at first and at most, in parts of the diagonal.
+_FIRST_DAMPING, _MOST_DAMPING = 1e-3, 1e8
 #: Lines smaller than this part of the largest are rounding.
 _FLOOR = 1e-12
 #: Bins of every third of which the noise around a line is judged.
@@ -25,7 +27,7 @@ _MAX_CONDITION = 1e12
 #: by chance it does so once in 1e7 times (the square of a normal variable).
 _DECAYS = 30.0
 #: Decays by exp(-2 x) over the record that a fit is begun with, and the most it may reach.
-_STARTS = (0.3, 1.0, 3.0, 10.0, 30.0)
+_STARTS = (0.3, 1.0, 3.0, 10.0, 30.0, 80.0)
 _MOST_DECAY = 150.0
 #: A steady line this near to a peak of what is left, in bins, may be one that decays.
 _NEAR = 6.0
@@ -73,42 +75,47 @@ class LineFit:
             change = _solution(*self.sums(False, np.zeros(self.omega.size, dtype=bool)))
             if change is None:
                 return False
-            self._move_amplitudes(change, 1.0)
+            self._move_amplitudes(change)
         return True
 
     def refine(self, enough: float = 1e-14) -> bool:
-        """Gauss-Newton in all parameters, to steps that are small enough.
+        """Least squares in all parameters, to steps that are small enough.
 
-        A step that leaves more than there was is halved, so that the fit never gets worse.
+        Gauss-Newton, and towards steepest descent (Levenberg, Marquardt) as long as a step leaves
+        more than there was, so that the fit never gets worse. Amplitudes beside decays follow from
+        these at each step, which makes the sum of squares far less curved (Golub and Pereyra,
+        Inverse Problems 19, 2003).
         """
         n = self.omega.size
-        best: LineFit | None = None
-        change: FloatArray | None = None
-        smallest, share, settled = math.inf, 1.0, False
+        apart = bool(self.damped.any())
+        if apart and not self.solve_amplitudes(1):
+            return False
+        matrix, right = self.sums(True, self.damped)
+        smallest, damping = math.inf, 0.0
         for _ in range(_MAX_ITERATIONS):
-            matrix, right = self.sums(True, self.damped)
-            if best is not None and not self.total <= best.total + self.rounding:
-                if share < 1e-3 or settled or change is None:
-                    break
-                share *= 0.25
-                self._restore(best)
-                if not self._step(change, share):
-                    break
-                continue
-            if best is None or self.total < best.total:
-                best = copy(self)
-            if settled:
-                break
-            share, change = 1.0, _solution(matrix, right)
+            change = _solution(matrix, right, damping)
             if change is None:
                 return False
             size = float(np.abs(change[1 + 2 * n :]).max(initial=0.0))
             settled = size <= enough or (size <= 1e-9 and size >= 0.5 * smallest)
-            smallest = min(smallest, size)
-            if not self._step(change, share):
-                return False
-        if best is not None and not self.total <= best.total + self.rounding:
-            self._restore(best)
+            # By the first order the step lowers the sum of squares by this.
+            settled |= float(change @ right) <= enough * self.total
+            trial = copy(self)
+            better = trial._step(change) and (not apart or trial.solve_amplitudes(1))
+            if better:
+                matrix_there, right_there = trial.sums(True, self.damped)
+                better = trial.total <= self.total + self.rounding
+            if better:
+                self._restore(trial)
+                matrix, right = matrix_there, right_there
+                smallest, damping = min(smallest, size), 0.1 * damping
+            elif settled or damping > _MOST_DAMPING:
+                break
+            else:
+                damping = max(10 * damping, _FIRST_DAMPING)
+                continue
+            if settled and damping <= _FIRST_DAMPING:
+                break
         return True
 
     def let_decay(self, line: int) -> "LineFit | None":
@@ -192,16 +199,11 @@ class LineFit:
         """Frequency of the largest peak that is neither rounding nor noise, None without one."""
         n = self.samples.size
         amplitudes = self._left()
-        amplitudes[0] = 0.0
         for position in self.omega * n / (2 * math.pi):
             amplitudes[max(0, round(position - 1)) : round(position + 1) + 1] = 0.0
-        above = amplitudes
-        if alarm < 1:
-            above = np.where(_stands_out(amplitudes, alarm), amplitudes, 0.0)
+        above = np.where(self._stands_out(amplitudes, alarm), amplitudes, 0.0)
         k = int(above.argmax())
-        largest = float(np.hypot(self.a, self.b).max(initial=0.0))
-        scale = max(largest, float(np.abs(self.samples).max()))
-        if above[k] <= _FLOOR * scale or above[k] == 0.0:
+        if above[k] == 0.0:
             return None
         # Between the bins of a Hann window the two largest neighbours tell where the peak is.
         before = amplitudes[k - 1]
@@ -210,6 +212,21 @@ class LineFit:
         offset = (2 * ratio - 1) / (ratio + 1) * (1 if after >= before else -1)
         position = k + max(-0.5, min(0.5, offset))
         return float(min(max(2 * math.pi * position / n, 0.1 / n), math.pi * (1 - 0.1 / n)))
+
+    def disturbed(self, alarm: float) -> npt.NDArray[np.bool_]:
+        """Lines beside which more is left than noise: the fit does not explain the signal there."""
+        left = np.flatnonzero(self._stands_out(self._left(), alarm))
+        in_bins = self.samples.size / (2 * math.pi)
+        distance = np.abs(np.subtract.outer(self.omega * in_bins, left))
+        reach = _NEAR + 2 * np.abs(self.decay) * in_bins
+        return np.asarray((distance <= reach[:, np.newaxis]).any(axis=1))
+
+    def _stands_out(self, amplitudes: FloatArray, alarm: float) -> npt.NDArray[np.bool_]:
+        """Bins above rounding, and above noise but for a false alarm in any of all (1: all)."""
+        amplitudes[0] = 0.0
+        largest = float(np.hypot(self.a, self.b).max(initial=0.0))
+        above = amplitudes > _FLOOR * max(largest, float(np.abs(self.samples).max()))
+        return above & _stands_out(amplitudes, alarm) if alarm < 1 else above
 
     def steady_near(self, omega: float) -> int | None:
         """Line nearest to a frequency, if it is near and steady so far."""
@@ -237,23 +254,23 @@ class LineFit:
     def _restore(self, other: "LineFit") -> None:
         self.__dict__.update(copy(other).__dict__)
 
-    def _move_amplitudes(self, change: FloatArray, share: float) -> None:
+    def _move_amplitudes(self, change: FloatArray) -> None:
         n = self.omega.size
-        self.mean += share * float(change[0])
-        self.a = self.a + share * change[1 : 1 + 2 * n : 2]
-        self.b = self.b + share * change[2 : 2 + 2 * n : 2]
+        self.mean += float(change[0])
+        self.a = self.a + change[1 : 1 + 2 * n : 2]
+        self.b = self.b + change[2 : 2 + 2 * n : 2]
 
-    def _step(self, change: FloatArray, share: float) -> bool:
-        """Move all parameters by part of a change; False where a frequency leaves its range."""
+    def _step(self, change: FloatArray) -> bool:
+        """Move all parameters; False where a frequency leaves its range."""
         n = self.omega.size
         moved, decays = np.split(change[1 + 2 * n :], [n])
-        self._move_amplitudes(change, share)
+        self._move_amplitudes(change)
         # No line moves by more than a bin at once, nor changes its decay by more than e^2 pi.
         largest = float(np.abs(change[1 + 2 * n :]).max(initial=1e-300))
-        damping = share * min(1.0, math.pi / largest)
-        self.omega = self.omega + damping * moved / self.half
+        share = min(1.0, math.pi / largest)
+        self.omega = self.omega + share * moved / self.half
         if decays.size:
-            self._move_decays(damping * decays / self.half)
+            self._move_decays(share * decays / self.half)
         return bool(np.all((self.omega > 0) & (self.omega < math.pi)))
 
     def _move_decays(self, change: FloatArray) -> None:
@@ -268,12 +285,15 @@ class LineFit:
         self.a, self.b, self.decay = self.a * factor, self.b * factor, after
 
 
-def _solution(matrix: FloatArray, right: FloatArray) -> FloatArray | None:
-    """Change of the parameters, or None if they cannot be told apart."""
+def _solution(matrix: FloatArray, right: FloatArray, damping: float = 0.0) -> FloatArray | None:
+    """Change of the parameters, or None if they cannot be told apart.
+
+    ``damping``: what is added to the diagonal, in parts of it.
+    """
     scale = np.sqrt(np.diag(matrix))
     if not np.all(scale > 0) or not np.all(np.isfinite(matrix)):
         return None
-    scaled = matrix / np.outer(scale, scale)
+    scaled = matrix / np.outer(scale, scale) + damping * np.eye(scale.size)
     values, vectors = np.linalg.eigh(scaled)
     if values[0] * _MAX_CONDITION < values[-1]:
         return None

@@ -23,6 +23,8 @@ if TYPE_CHECKING:
     import xarray as xr
 
 _MAX_LINES = 50
+#: The least sure that what is left beside a line is no noise.
+_DISTURBED = 1e-3
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -41,8 +43,9 @@ class Lines(Result):
     residual : float
         Root mean square of what is left, weighted towards the middle of the record.
     resolved : ndarray of bool, shape (n,)
-        False where another line is nearer than two bins and the widths of both: such a pair is
-        only as good as the signal is clean.
+        False where another line is nearer than two bins and the widths of both, which is only as
+        good as the signal is clean, and where more than noise is left beside a line: the lines
+        found do not explain the signal there.
     decay : ndarray, shape (n,)
         Rates of decay (per unit of time), 0 for a steady line, negative for one that grows. The
         damping ratio of a free vibration is ``decay / hypot(decay, omega)``.
@@ -252,7 +255,7 @@ def dominant_frequencies(
         fit = better
     if fit.omega.size:
         final = copy(fit)
-        if final.refine():
+        if final.refine() and final.total <= fit.total + fit.rounding:
             fit = final
         fit = fit.settle_decays()
         final = copy(fit)
@@ -262,7 +265,8 @@ def dominant_frequencies(
             fit = final
     first = np.hypot(fit.a, fit.b) * np.exp(np.minimum(fit.decay, 0.0) * (samples.size - 1))
     order = np.argsort(-first, kind="stable")
-    return _lines(fit, source.step, source.start, order)
+    explained = ~fit.disturbed(min(alarm, _DISTURBED))
+    return _lines(fit, source.step, source.start, order, explained)
 
 
 def _better(fit: LineFit, guess: float, wanted: int) -> LineFit | None:
@@ -287,7 +291,13 @@ def _better(fit: LineFit, guess: float, wanted: int) -> LineFit | None:
     return decaying
 
 
-def _lines(fit: LineFit, step: float, start: float, order: npt.NDArray[np.int_]) -> Lines:
+def _lines(
+    fit: LineFit,
+    step: float,
+    start: float,
+    order: npt.NDArray[np.int_],
+    explained: npt.NDArray[np.bool_] | bool = True,
+) -> Lines:
     """Return the result in this order, phases brought back to time 0."""
     n = fit.samples.size
     omega, decay = fit.omega[order], fit.decay[order]
@@ -304,7 +314,7 @@ def _lines(fit: LineFit, step: float, start: float, order: npt.NDArray[np.int_])
         phase=np.angle(np.exp(1j * phase)),
         mean=fit.mean,
         residual=math.sqrt(max(fit.total, 0.0) / (0.5 * n)),
-        resolved=nearest > 4 * math.pi / n,
+        resolved=(nearest > 4 * math.pi / n) & np.broadcast_to(explained, omega.shape)[order],
         decay=decay / step,
         start=start,
     )
