@@ -140,3 +140,70 @@ def test_sums_of_structures_that_keep_more_than_their_state(kinked):
             discard=4, dt=0.05, lyapunov="all",
         )  # fmt: skip
         assert many.spectrum.sum() == pytest.approx(-(np.diag(damping) / mass).sum(), rel=1e-6)
+
+
+def area_rate(rates, tangent, hidden, before, end):
+    """Mean growth of areas of coordinates and velocities from a time on, begun at rest.
+
+    By the variational equation. What is hidden behind them is disturbed as its slopes over the
+    first of them tell.
+    """
+    n = 2 + hidden.size
+    state, grown = np.zeros(n), 0.0
+    beside = np.vstack([np.eye(2), np.outer(hidden, [1, 0])])
+    for begin in np.arange(0, end, 0.5):
+
+        def both(t, y):
+            return np.concatenate([rates(t, y[:n]), (tangent(y[:n]) @ y[n:].reshape(n, 2)).ravel()])
+
+        run = solve_ivp(
+            both, (begin, begin + 0.5), [*state, *beside.ravel()], "DOP853", rtol=1e-10,
+            atol=1e-12, max_step=0.02,
+        )  # fmt: skip
+        state, beside = run.y[:n, -1], run.y[n:, -1].reshape(n, 2)
+        grown += np.log(abs(np.linalg.det(beside[:2]))) * (begin >= before)
+        beside = beside @ np.linalg.inv(beside[:2])
+    return grown / (end - before)
+
+
+@pytest.mark.parametrize(("c", "g", "b", "n"), [(8, 1, 2, 1.5), (20, 4, 5, 1)])
+def test_sums_with_hysteresis(c, g, b, n):
+    """Strong damping leaves most of a disturbance in what the joint knows, which bends."""
+    k, load, nu, before, end = 3.0, 6.0, 0.9, 10.0, 30.0
+    joint = vv.BoucWen(on="x1", stiffness=k, ratio=0.2, beta=b, gamma=g, exponent=n)
+    one = vv.Structure(mass=[1.0], stiffness=[1.0], damping=[c], elements=[joint])
+    many = vv.simulate_ensemble(
+        one, initial=[0, 0], load={"x1": load}, nu=nu, t_end=end, discard=before, dt=0.05,
+        lyapunov="all",
+    )  # fmt: skip
+
+    def rates(t, y):
+        x, v, z = y
+        turned = 1 - (g + b * np.sign(z * v)) * abs(z) ** n
+        force = load * np.sin(nu * t) - c * v - (1 + 0.2 * k) * x - 0.8 * k * z
+        return [v, force, turned * v]
+
+    def tangent(y):
+        _, v, z = y
+        s = g + b * np.sign(z * v)
+        own = [1 - s * abs(z) ** n, -n * s * abs(z) ** (n - 1) * np.sign(z) * v]
+        return np.array([[0, 1, 0], [-1 - 0.2 * k, -c, -0.8 * k], [0, *own]])
+
+    true = area_rate(rates, tangent, np.ones(1), before, end)
+    assert many.spectrum.sum() == pytest.approx(true, abs=5e-7)
+
+
+def test_what_lives_on_in_the_past_alone_is_not_told():
+    """The second mass forgets fast, the first remembers: what is left of the fourth is hidden."""
+    kernel = vv.PronyKernel(weights=[0.3], rates=[1.0])
+    two = vv.PolynomialSystem(
+        mass=np.eye(2), stiffness=np.diag([0, 3.0]), damping=np.diag([0.1, 20.0]),
+        springs=[vv.Springs(stiffness=np.diag([1.0, 0]), kernel=kernel)],
+    )  # fmt: skip
+    for start in ([1, 0, 0, 0], [1, 0, 0.5, 0]):
+        many = vv.simulate_ensemble(two, initial=start, t_end=30, dt=0.1, lyapunov="all")
+        assert np.isfinite(many.spectrum[0, :3]).all()
+        assert many.lyapunov[0] == many.spectrum[0, 0]
+        assert np.isnan(many.spectrum[0, 3])
+        one = vv.simulate_ensemble(two, initial=start, t_end=30, dt=0.1, lyapunov=True)
+        assert np.isfinite(one.lyapunov).all()

@@ -127,10 +127,10 @@ def simulate_ensemble(
         Run by run, and of more than 3 coordinates, by motions beside the motion, 1e-7 of its size
         of late away, which switch at times of their own: exponents are then good to about 1e-6 of
         the fastest rate (less where a motion only grazes a corner). -inf: a disturbance vanishes
-        altogether (friction that sticks); NaN: no step is left after ``discard``. With memory, or
-        elements that know what was, a state is the whole past: a disturbance is one of coordinates
-        and velocities at t = 0, its own past is scaled with it, and "all" are the 2 n_dof largest
-        exponents of infinitely many.
+        altogether (friction that sticks); NaN: no step is left after ``discard``, or the
+        disturbance lives on in the past alone. With memory, or elements that know what was, a state
+        is the whole past: a disturbance is one of coordinates and velocities at t = 0, its own past
+        is scaled with it, and "all" are the 2 n_dof largest exponents of infinitely many.
     sample_every : int
         Steps between the samples of statistics and amplitudes.
     n_threads : int
@@ -201,7 +201,7 @@ def simulate_ensemble(
         rms=_of_whole(raw.rms, raw.ended),
         amplitudes=_of_whole(raw.amplitudes, raw.ended),
         sections=points,
-        lyapunov=None if raw.lyapunov is None else raw.lyapunov.max(axis=1),
+        lyapunov=None if raw.lyapunov is None else np.fmax.reduce(raw.lyapunov, axis=1),
         spectrum=_spectrum(raw.lyapunov, exponents),
         error=error,
         method=members.method_name,

@@ -46,6 +46,10 @@ _MARKED, _COUNTED = 0.5, 1e6
 _LOOKS, _RECENT = 512, 16
 #: Distances of neighbours at least, of the largest size of the motion.
 _LEAST = 1e-100
+#: How much more of a disturbance than of the first the past may hold, beside what is seen of it.
+_HIDDEN = 1e4
+#: The same of one that is followed at all.
+_LOST = 1e12
 
 
 class _TooFarError(Exception):
@@ -65,7 +69,8 @@ def exponents_of(
     ``make(moved, finer=)`` begins the run, its start moved by so much, in steps so many times
     shorter; ``widths`` of a start, and of what is kept of coordinates and velocities; ``quarter``:
     steps between two looks at most.
-    -inf: the disturbance vanishes altogether, as where friction sticks.
+    -inf: the disturbance vanishes altogether, as where friction sticks. NaN: it all but vanishes
+    from coordinates and velocities, and lives on in the past.
     """
     try:
         beside = _Beside(partial(make, finer=1), widths, count, quarter)
@@ -101,6 +106,10 @@ class _Beside:
         self.runs: list[Run] = []
         #: Sums of the logarithms of growth.
         self.grown = np.zeros(count)
+        #: Which cannot be told: what their past does by its size and by rounding hides the rest.
+        self.untold = np.zeros(count, dtype=bool)
+        #: Parts of the distance at which neighbours are, as their past must be near as well.
+        self.nearer = np.ones(count)
 
     def rates(self, n_steps: int, n_discard: int) -> FloatArray:
         """Follow them; mean growth between the first and the last renewal of what counts."""
@@ -136,12 +145,13 @@ class _Beside:
             if since < 0 and done >= n_discard:
                 since = done
                 self.grown[np.isfinite(self.grown)] = 0.0
+                self.untold[:] = False
             if least > math.sqrt(_LEFT):
                 look = min(self.quarter, 2 * look)
         if since < 0 or renewed <= since:
             return missing
-        rates: FloatArray = self.grown / (self.runs[0].h * (renewed - since))
-        return rates
+        rates = self.grown / (self.runs[0].h * (renewed - since))
+        return np.where(self.untold, math.nan, rates)
 
     def _begin(self, n_steps: int) -> bool:
         """The motion and those beside it at the start; False: the motion stops."""
@@ -176,6 +186,9 @@ class _Beside:
         parts: list[FloatArray] = []
         lengths = np.zeros(self.count)
         for j, run in enumerate(self.runs[1:]):
+            if math.isnan(self.grown[j]):
+                parts.append(np.zeros_like(own))
+                continue
             its = _whole(run)
             if its.size != own.size:
                 raise InputError(
@@ -184,6 +197,7 @@ class _Beside:
                 )
             whole = its - own
             whole[n:] = np.where(belongs & ~_marks(own[n:], its[n:]), whole[n:], 0.0)
+            whole /= self.nearer[j]
             told = whole[n:][self.runs[0].told_by_state()]
             # Of coordinates and velocities in turn: first all of one kind, then all of the other.
             told[:] = whole[n - told.size : n].reshape(-1, 2).T.ravel()
@@ -207,7 +221,12 @@ class _Beside:
         for j, (run, part) in enumerate(zip(self.runs[1:], found.parts, strict=True)):
             length = found.lengths[j]
             self.grown[j] += math.log(length) if length > _ONE else -math.inf
-            moved = own + new * part
+            hidden = _hidden(part, found.parts[0], n)
+            self.untold[j:] |= hidden > _HIDDEN
+            if hidden > _LOST:
+                self.grown[j:] = math.nan
+            self.nearer[j] = 1 / max(1.0, hidden)
+            moved = own + new * self.nearer[j] * part
             run.state, run.memory = moved[:n].copy(), moved[n:].copy()
         self.apart *= new
 
@@ -218,6 +237,14 @@ class _Beside:
             bool((np.abs(run.switched - mine) >= np.maximum(_MARKED, 1e-3 * np.abs(mine))).any())
             for run in self.runs[1:]
         )
+
+
+def _hidden(part: FloatArray, first: FloatArray, n: int) -> float:
+    """How much more of a disturbance is in the past than of the first one, beside n numbers."""
+    seen = np.abs(part[:n]).max() * np.abs(first[n:]).max()
+    past = np.abs(part[n:]).max() * np.abs(first[:n]).max()
+    # Of a disturbance that has vanished nothing is anywhere.
+    return float(past / seen) if past > seen > 0 else 1.0
 
 
 def _marks(own: FloatArray, its: FloatArray) -> npt.NDArray[np.bool_]:
