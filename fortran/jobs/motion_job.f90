@@ -144,7 +144,8 @@ contains
                                    //things(kept, 'state')//' from discard on, must be at least 2'
   end subroutine run
 
-  !> Which events could not be found, for their functions have no value anywhere on the way.
+  !> Which events could not be found: their functions have no value anywhere on the way, or change
+  !! too fast.
   function undefined_events(self, trajectory) result(text)
     class(motion_job), intent(in) :: self
     type(trajectory_type), intent(in) :: trajectory
@@ -152,6 +153,9 @@ contains
     integer :: i
     text = ''
     do i = 1, size(self%events)
+      if (trajectory%watch%lost(i) > 0) text = text//'; event '//show(i)//' (' &
+        //self%events(i)%text//') changes too fast in '//things(trajectory%watch%lost(i), 'step') &
+        //' to find all passages, some may be missing'
       if (trajectory%watch%largest(i) > 0.0_wp .or. trajectory%n_steps == 0) cycle
       text = text//'; event '//show(i)//' ('//self%events(i)%text//') has no value on the way'
     end do

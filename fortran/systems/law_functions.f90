@@ -37,7 +37,7 @@ module viscovib_law_functions
   integer, parameter, public :: held_power = -5
   integer, parameter, public :: f_tan = 13, f_asin = 14, f_acos = 15, f_atan = 16, f_sinh = 17, &
                                 f_asinh = 20, f_acosh = 21, f_atanh = 22
-  integer, parameter :: f_atan2 = 29
+  integer, parameter, public :: f_atan2 = 29
   integer, parameter, public :: f_sin = 11, f_cos = 12, f_cosh = 18, f_tanh = 19, f_exp = 23, &
                                 f_log = 24, f_sqrt = 25
   integer, parameter, public :: f_abs = 26, f_sign = 27, f_heaviside = 28, f_min = 30, f_max = 31

@@ -11,7 +11,7 @@ module viscovib_event_search
   implicit none
   private
 
-  public :: first_passage, signal_along
+  public :: first_passage, place_of_change, signal_along
 
   !> Parts in which an interval is searched where an extremum may lie beyond 0, and steps that
   !! find the extremum.
@@ -71,7 +71,7 @@ contains
       call dip(signal, path, side, x(j - 1), x(j), fresh .and. j == 2, found, low, high)
       if (found) exit
     end do
-    if (found) place = passage(signal, path, side, low, high)
+    if (found) place = place_of_change(signal, path, side, low, high)
   end subroutine first_passage
 
   !> Of what begins on the surface, a place where it is on its side, if there is one before x.
@@ -147,7 +147,7 @@ contains
 
   !> The place of a change of sign: secants through both ends, that which stays counting half
   !! (Illinois), with bisection where they are slow.
-  real(wp) function passage(signal, path, side, from, to) result(x)
+  real(wp) function place_of_change(signal, path, side, from, to) result(x)
     class(watched_function), intent(in) :: signal
     type(step_path), intent(in) :: path
     integer, intent(in) :: side
@@ -190,6 +190,6 @@ contains
         if (.not. g(1) > 0.0_wp) exit
       end if
     end do
-  end function passage
+  end function place_of_change
 
 end module viscovib_event_search

@@ -4,14 +4,15 @@
 !!
 !! A step is searched in parts. Of each the signals are sampled at the nodes of Gauss's rule and at
 !! both ends. A part is halved until each signal either is its interpolant, the last coefficients
-!! in Legendre polynomials being small, or stays on its side by more than these. A passage found by
+!! in Legendre polynomials being small, or stays on its side by more than these; of a signal that is
+!! no linear function, until what it reads is its interpolant. A passage found by
 !! the interpolant is then found again by the motion itself: by Newton's method with the slope of
 !! the interpolant, where that is hardly wrong, else by bisection.
 module viscovib_march_events
   use viscovib_base_motion, only: base_motion_type
   use viscovib_event_search, only: signal_along
   use viscovib_kinds, only: wp
-  use viscovib_law_functions, only: wall
+  use viscovib_law_functions, only: put_argument, wall
   use viscovib_march, only: march_type
   use viscovib_quadrature, only: gauss_nodes, legendre
   use viscovib_simulate, only: run_event
@@ -222,7 +223,7 @@ contains
 
   !> Whether the interpolants of a part tell all passages.
   logical function follows(watch, path, largest)
-    type(watch_type), intent(in) :: watch
+    type(watch_type), intent(inout) :: watch
     type(step_path), intent(in) :: path
     !> Largest values so far.
     real(wp), intent(inout) :: largest(:)
@@ -231,6 +232,10 @@ contains
 
     follows = .true.
     do k = 1, size(watch%signals)
+      if (watch%bent(k)) then
+        if (.not. arguments_follow(watch, k, path)) follows = .false.
+        cycle
+      end if
       call watch%signals(k)%at(path%start + path%h*path%points, path%q, path%v, g)
       ! Of a function without a value there is nothing to tell.
       if (all(abs(g) >= wall)) cycle
@@ -240,6 +245,35 @@ contains
       if (watch%sides(k) == 0 .or. .not. minval(watch%sides(k)*g) > clear*rest) follows = .false.
     end do
   end function follows
+
+  !> Whether interpolants tell what a signal reads, of which all passages are found then, whatever
+  !! it makes of it.
+  logical function arguments_follow(watch, which, path) result(follow)
+    type(watch_type), intent(inout) :: watch
+    integer, intent(in) :: which
+    type(step_path), intent(in) :: path
+    real(wp) :: values(n_nodes + 2)
+    integer :: i, k
+
+    follow = .true.
+    associate (law => watch%signals(which)%program, n => size(path%q, 2))
+      if (.not. allocated(watch%scales)) allocate (watch%scales(2*n), source=0.0_wp)
+      do i = 1, size(law%code)
+        if (law%code(i) /= put_argument) cycle
+        k = nint(law%number(i))
+        if (k > 2*n) cycle
+        if (modulo(k, 2) == 1) then
+          values = path%q(:, (k + 1)/2)
+        else
+          values = path%v(:, k/2)
+        end if
+        watch%scales(k) = max(watch%scales(k), maxval(abs(values)))
+        if (sum(abs(matmul(values(2:n_nodes + 1), watch%last))) > resolved*watch%scales(k)) then
+          follow = .false.
+        end if
+      end do
+    end associate
+  end function arguments_follow
 
   !> Nodes of a part, and what makes of a signal there its last two coefficients.
   subroutine coefficients_of_nodes(nodes, last)

@@ -1,5 +1,6 @@
 !> Events that a run is asked for: passages of functions of the state through 0.
 module viscovib_watch
+  use viscovib_all_passages, only: is_bent, passage_search
   use viscovib_event_search, only: first_passage, signal_along
   use viscovib_kinds, only: wp
   use viscovib_law_branches, only: signal_type
@@ -35,6 +36,8 @@ module viscovib_watch
     !! coefficients (`viscovib_march_events`), once they are made.
     type(step_path), allocatable :: path
     real(wp), allocatable :: last(:, :)
+    !> Largest values of what signals read in them.
+    real(wp), allocatable :: scales(:)
     !> Passages that count: upwards 1, downwards -1, 0 both; whether the run ends there.
     integer, allocatable :: direction(:)
     logical, allocatable :: terminal(:)
@@ -42,12 +45,18 @@ module viscovib_watch
     !! had none.
     integer, allocatable :: sides(:)
     real(wp), allocatable :: largest(:)
+    !> Signals that are no linear functions may change anywhere between places: they are searched by
+    !! ranges. Of each, in how many steps some passages may be missing all the same.
+    logical, allocatable :: bent(:)
+    integer, allocatable :: lost(:)
+    type(passage_search) :: search
     !> What was found: signal and time, and states, shapes (n) and (2 n_dof, n).
     integer :: n_found = 0
     integer, allocatable :: which(:)
     real(wp), allocatable :: times(:), states(:, :)
   contains
     procedure :: look
+    procedure, private :: look_everywhere
     procedure :: count_of
     procedure :: last_state
     procedure :: keep
@@ -62,7 +71,8 @@ contains
   subroutine new_watch(watch, vector, sides, n_dof)
     type(watch_type), intent(out) :: watch
     real(wp), intent(in) :: vector(:)
-    !> Of each, its side and a power of 2 not above its largest value so far; without: a run begins.
+    !> Of each, its side, then a power of 2 not above its largest value so far, then how often
+    !! passages may be missing; without: a run begins.
     integer, intent(in), optional :: sides(:)
     !> Signals are given the states of those of so many coordinates alone that they read.
     integer, intent(in), optional :: n_dof
@@ -78,8 +88,11 @@ contains
     end if
     allocate (watch%signals(n), watch%direction(n), watch%terminal(n))
     allocate (watch%largest(n), source=0.0_wp)
+    allocate (watch%bent(n), watch%lost(n))
+    watch%lost = 0
     if (present(sides)) then
       watch%sides = sides(:n)
+      if (n > 0) watch%lost = sides(2*n + 1:3*n)
       do i = 1, n
         if (any(sides(i:n + i:n) /= 0)) watch%largest(i) = scale(1.0_wp, sides(n + i))
       end do
@@ -94,6 +107,7 @@ contains
       watch%signals(i)%program%code = nint(numbers(k + 4:k + 2*m + 3:2))
       watch%signals(i)%program%number = numbers(k + 5:k + 2*m + 3:2)
       call watch%signals(i)%program%measure()
+      watch%bent(i) = is_bent(watch%signals(i)%program)
       k = k + 3 + 2*m
     end do
     allocate (watch%which(0), watch%times(0), watch%states(0, 0))
@@ -175,8 +189,15 @@ contains
     allocate (found(0))
     do i = 1, size(self%signals)
       call self%signals(i)%at(path%start + path%h*path%points, path%q, path%v, g)
-      if (all(abs(g) >= wall)) cycle
-      self%largest(i) = max(self%largest(i), valued, maxval(abs(g), abs(g) < wall))
+      if (any(abs(g) < wall)) then
+        self%largest(i) = max(self%largest(i), valued, maxval(abs(g), abs(g) < wall))
+      else if (.not. self%bent(i)) then
+        cycle
+      end if
+      if (self%bent(i)) then
+        call self%look_everywhere(i, path, sticks, found)
+        cycle
+      end if
       if (sticks .and. maxval(abs(g)) <= at_rest*self%largest(i)) cycle
       if (self%sides(i) == 0) self%sides(i) = first_side(self%signals(i), path)
       place = 0.0_wp
@@ -219,6 +240,35 @@ contains
     end function is_edge
 
   end subroutine look
+
+  !> Passages of a signal that may change anywhere in a step.
+  subroutine look_everywhere(self, which, path, sticks, found)
+    class(watch_type), intent(inout) :: self
+    integer, intent(in) :: which
+    type(step_path), intent(in) :: path
+    !> As of `look`.
+    logical, intent(in) :: sticks
+    type(passage_type), allocatable, intent(inout) :: found(:)
+    type(passage_type) :: next
+    integer :: i
+
+    associate (largest => self%largest(which))
+      call self%search%find(self%signals(which), path, merge(at_rest*largest, 0.0_wp, sticks), &
+                            largest, self%sides(which))
+    end associate
+    ! Its only values may lie between places.
+    if (self%search%n > 0 .or. self%sides(which) /= 0) then
+      self%largest(which) = max(self%largest(which), valued)
+    end if
+    if (self%search%lost) self%lost(which) = self%lost(which) + 1
+    do i = 1, self%search%n
+      if (self%direction(which)*self%search%to(i) < 0) cycle
+      next%which = which
+      next%side = -self%search%to(i)
+      next%place = self%search%places(i)
+      call insert(found, next)
+    end do
+  end subroutine look_everywhere
 
   !> On which side a run begins; on the surface: where it goes.
   integer function first_side(signal, path)
@@ -288,6 +338,7 @@ contains
     n = size(self%sides)
     sides(:n) = self%sides
     sides(n + 1:2*n) = exponent(max(self%largest, tiny(1.0_wp))) - 1
+    sides(2*n + 1:3*n) = self%lost
     n_found = self%n_found
     n = min(n_found, size(found, 2))
     if (n == 0) return

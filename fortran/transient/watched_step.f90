@@ -13,6 +13,7 @@ module viscovib_watched_step
   use viscovib_law_branches, only: slides, watched_function
   use viscovib_law_layers, only: unseen
   use viscovib_step_path, only: step_path
+  use viscovib_passage_time, only: settle_thin
   use viscovib_stepper, only: stepper_type
   use viscovib_stops, only: in_range, needs_small_steps
   use viscovib_wanted_states, only: wanted_states
@@ -468,7 +469,11 @@ contains
     do i = 1, size(found)
       associate (which => found(i)%which)
         place = found(i)%place
-        call correct(start, system, watch%signals(which), found(i)%side, at, place, passes, q, v)
+        if (watch%bent(which)) then
+          call settle_thin(start, system, watch%signals(which), found(i)%side, at%path, place, q, v)
+        else
+          call correct(start, system, watch%signals(which), found(i)%side, at, place, passes, q, v)
+        end if
         if (abs(place - found(i)%place) > furthest) then
           ! That is another passage: the step is too large for so many.
           place = found(i)%place

@@ -42,6 +42,12 @@ SCENES = {
     "structure": CHAIN + "&transient nu=0.9, t_end=20, tolerance=1e-9, coordinates='x3' /\n"
     "&spectrum coordinates='x2' discard=5 /\n&event function='x1 - x2' /\n"
     "&event function='x3_dot', direction='down' /\n",
+    "thin": SYSTEM + "&transient initial=0.1 0 0 0.3, nu=1.3, t_end=30, dt=0.5 /\n"
+    "&event function='exp(-((x - gap)/1e-5)^2) - 0.5' /\n"
+    "&event function='max(tanh((y_dot - 0.1)/1e-4), sin(40*x))' /\n",
+    "structure, thin": CHAIN + "&transient nu=0.9, t_end=20, dt=0.1 /\n"
+    "&event function='1/(1 + ((x1 - 0.05)/1e-5)^2) - 0.5' /\n"
+    "&event function='abs(x3 - 0.02) - 1e-4', direction='down' /\n",
     "structure that stops": CHAIN + "&transient nu=0.9, t_end=20, dt=0.1 /\n"
     "&event function='x1 - 0.1*x2 - 0.05*t', terminal='yes' /\n",
 }
@@ -135,6 +141,20 @@ def test_what_is_refused(solve, tmp_path, old, new, text):
     folder = tmp_path / "out"
     folder.mkdir()
     check_failure(solve(scene, "--out", folder), 2, text, folder)
+
+
+def test_a_function_too_fine_for_rounding_is_told(solve, tmp_path):
+    scene = tmp_path / "fine.nml"
+    scene.write_text(
+        "&system coordinates='x', mass=1, stiffness=1 /\n&event function='x - 0.3' /\n"
+        "&event function='exp(-((x - 0.3)/1e-18)^2) - 0.5' /\n"
+        "&transient initial=0 1, t_end=7, dt=0.1 /\n"
+    )
+    done = solve(scene, "--out", tmp_path)
+    assert done.returncode == 0, done.stderr
+    told = "; event 2 (exp(-((x - 0.3)/1e-18)^2) - 0.5, any) changes too fast in 3 steps"
+    assert told in done.stdout
+    assert "event 1" not in done.stdout
 
 
 def test_a_function_without_any_value_is_told(solve, tmp_path):

@@ -69,8 +69,9 @@ class Watch:
             numbers += [_DIRECTIONS[event.direction], int(event.terminal), len(law.code)]
             numbers += [x for pair in zip(law.code, law.number, strict=True) for x in pair]
         self.vector = np.array(numbers, dtype=float)
-        # Of each, its side and a power of 2 not above its largest value so far.
-        self.sides = np.zeros(2 * len(events), dtype=np.intc)
+        # Of each, its side, a power of 2 not above its largest value so far, and in how many
+        # steps passages may be missing.
+        self.sides = np.zeros(3 * len(events), dtype=np.intc)
         self.found: list[FloatArray] = []
 
     @classmethod
@@ -116,13 +117,19 @@ class Watch:
         """The same events of a run that goes on, with what is found from there on."""
         other = self.fresh()
         other.sides = self.sides.copy()
+        other.sides[2 * len(self.events) :] = 0
         return other
 
     @property
     def undefined(self) -> list[int]:
         """Places of those that had no value at any state of the run."""
-        sides, sizes = self.sides.reshape(2, -1)
-        return np.flatnonzero((sides == 0) & (sizes <= _NO_VALUE)).tolist()
+        _, sizes, _ = self.sides.reshape(3, -1)
+        return np.flatnonzero(sizes <= _NO_VALUE).tolist()
+
+    @property
+    def lost(self) -> list[int]:
+        """Of each event, in how many steps passages may be missing."""
+        return [int(steps) for steps in self.sides.reshape(3, -1)[2]]
 
     def take(self, found: FloatArray, count: int) -> None:
         """Remember what a native call has found."""

@@ -258,7 +258,7 @@ def simulate(
 
 
 def _heard(run: Trajectory) -> Trajectory:
-    """Warn of events that could not be found, for their functions have no value."""
+    """Warn of events that could not be found: functions without a value, or too fine."""
     watch = None if run._resume is None else run._resume.watch
     if watch is None or not run.stats["steps"]:
         return run
@@ -269,6 +269,14 @@ def _heard(run: Trajectory) -> Trajectory:
             RangeWarning,
             stacklevel=caller(),
         )
+    for i, lost in enumerate(watch.lost):
+        if lost:
+            warnings.warn(
+                f"events[{i}] = {watch.events[i].function!r}: changes too fast in {lost} steps to "
+                "find all passages, some may be missing: take shorter steps (dt)",
+                RangeWarning,
+                stacklevel=caller(),
+            )
     return run
 
 
