@@ -30,6 +30,7 @@ module viscovib_condensed_hill
   use viscovib_hill_orders, only: fading_rate
   use viscovib_hill_relaxing, only: relaxing_points
   use viscovib_kinds, only: wp
+  use viscovib_slope_waves, only: hold_waves
   use viscovib_structure, only: structure_type
   implicit none
   private
@@ -150,6 +151,7 @@ contains
     if (.not. allocated(self%relaxing)) call relaxing_points(system, widest*nu, self%relaxing)
     call self%set%sample(nu, x, self%u, system%rates)
     if (any(system%bent)) call system%deflection_slopes(self%u, self%slopes)
+    call hold_waves(system, self%set, self%set%orders*nu, x, self%u, self%slopes)
     call self%find_local(system, largest, strongest)
     self%ready = max(maxval(largest), maxval(strongest)) <= sqrt(huge(1.0_wp))
     if (.not. self%ready) return

@@ -30,6 +30,7 @@ module viscovib_hill
   use viscovib_hill_relaxing, only: relaxing_points
   use viscovib_kinds, only: wp
   use viscovib_oscillator, only: oscillator_type
+  use viscovib_slope_waves, only: hold_waves
   implicit none
   private
 
@@ -147,6 +148,7 @@ contains
     if (.not. allocated(self%relaxing)) call relaxing_points(system, widest*nu, self%relaxing)
     call self%set%sample(nu, x, self%u, system%rates)
     if (any(system%bent)) call system%deflection_slopes(self%u, self%slopes)
+    call hold_waves(system, self%set, self%set%orders*nu, x, self%u, self%slopes)
     if (.not. system%separable) then
       call variables_along(self, system, nu, x)
       if (system%moving) then

@@ -65,8 +65,8 @@ module viscovib_kinked_motion
 
 contains
 
-  !> Whether a system is judged so: laws with kinks, jumps or states, without memory; states beside
-  !! sums of exponentials that fade.
+  !> Whether a system is judged so: laws with kinks, jumps or states, without memory or beside sums
+  !! of exponentials that fade.
   logical function is_kinked(system)
     class(oscillator_type), intent(in) :: system
 
@@ -74,8 +74,6 @@ contains
     if (system%moving .or. .not. has_kinks(system)) return
     select type (system)
     class is (polynomial_type)
-      is_kinked = .not. any(system%kernel_of > 0)
-      if (is_kinked .or. .not. any(system%laws%state > 0)) return
       is_kinked = fade(system)
     end select
   end function is_kinked
@@ -112,20 +110,32 @@ contains
     d = system%n_dof()
     select type (system)
     class is (structure_type)
-      associate (own => system%rest)
-        m = own%n_modes
-        found = m > 0 .and. size(own%poles) == 0 .and. 2*m <= most_states &
-                .and. .not. any(abs(own%flexibility) > 0.0_wp) &
-                .and. .not. any(abs(own%losses(:m)) > 0.0_wp)
+      if (allocated(system%few%stiffness)) then
+        ! Damping couples the modes: the matrices themselves.
+        m = size(system%few%stiffness, 1)
+        found = 2*m <= most_states
         if (.not. found) return
-        allocate (stiffness(m, m), damping(m, m), seen(d, m), spread(m, d), source=0.0_wp)
-        do i = 1, m
-          stiffness(i, i) = own%squares(i)
-          damping(i, i) = own%rates(i)
-        end do
-        seen(:, :) = transpose(own%seen(:m, :d))
-        spread(:, :) = own%pushed(:m, :d)
-      end associate
+        allocate (stiffness(m, m), damping(m, m), seen(d, m), spread(m, d))
+        stiffness(:, :) = system%few%stiffness
+        damping(:, :) = system%few%damping
+        seen(:, :) = transpose(system%few%seen)
+        spread(:, :) = system%few%pushed
+      else
+        associate (own => system%rest)
+          m = own%n_modes
+          found = m > 0 .and. size(own%poles) == 0 .and. 2*m <= most_states &
+                  .and. .not. any(abs(own%flexibility) > 0.0_wp) &
+                  .and. .not. any(abs(own%losses(:m)) > 0.0_wp)
+          if (.not. found) return
+          allocate (stiffness(m, m), damping(m, m), seen(d, m), spread(m, d), source=0.0_wp)
+          do i = 1, m
+            stiffness(i, i) = own%squares(i)
+            damping(i, i) = own%rates(i)
+          end do
+          seen(:, :) = transpose(own%seen(:m, :d))
+          spread(:, :) = own%pushed(:m, :d)
+        end associate
+      end if
     class default
       m = d
       found = 2*m <= most_states
