@@ -135,7 +135,8 @@ def test_a_point_that_kills_every_worker_ends_in_a_line(client, tmp_path):
         ):
             sweep(deadly, grid, client, chunk=1, retries=1)
         assert len(Path(tries).read_text()) == 2
-        kept = sweep(deadly, grid, client, chunk=1, retries=1, errors="keep")
+        # Under load a neighbour may be sent to a worker that is just dying, more than once.
+        kept = sweep(deadly, grid, client, chunk=1, retries=3, errors="keep")
     # Its neighbours, which may have been with the worker, are not lost with it.
     outcomes = ["completed"] * 3 + ["lost"] + ["completed"] * 2
     assert kept.point_outcome.values.tolist() == outcomes

@@ -5,6 +5,7 @@ import pickle
 import threading
 import time
 import warnings
+from collections import Counter
 from functools import lru_cache
 from queue import Empty, SimpleQueue
 from typing import Any, Protocol
@@ -13,6 +14,8 @@ from viscovib import _native
 from viscovib.errors import InputError, ViscovibError
 from viscovib.sweeps.points import Array, Computed, Task, Template, compute, quiet
 
+#: How often a piece is made again that was done and whose result went with a worker.
+_MADE_AGAIN = 8
 #: Seconds between looks at a cluster that says nothing, and how long it may be without workers.
 _LOOK, _ALONE = 1.0, 60.0
 
@@ -102,6 +105,7 @@ class DaskWorkers:
         self._last_seen = time.monotonic() if client.nthreads() else math.inf
         #: Pieces whose worker died: tried again alone, lest one takes others down with it.
         self._suspects: list[tuple[int, dict[str, Array], Template | None, int]] = []
+        self._made_again: Counter[int] = Counter()
         self._pieces: dict[str, tuple[int, dict[str, Array], Template | None, int, Any]] = {}
 
     def submit(self, i: int, columns: dict[str, Array], template: Template | None) -> None:
@@ -139,6 +143,12 @@ class DaskWorkers:
             reason = type(why).__name__ if why is not None else future.status
             if self._client.status != "running":
                 raise ViscovibError(f"client: is {self._client.status}, its cluster was lost")
+            if why is not None and type(why).__name__ != "KilledWorker":
+                # It killed no worker: one that died later took its result along.
+                self._made_again[i] += 1
+                if self._made_again[i] <= _MADE_AGAIN:
+                    self._suspects.append((i, columns, template, tries))
+                    continue
             if tries >= self._retries:
                 n = next(iter(columns.values())).size
                 lost = f"the worker was lost at each of {tries + 1} attempts ({reason})"
