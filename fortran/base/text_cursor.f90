@@ -9,12 +9,14 @@ module viscovib_text_cursor
   public :: text_cursor
 
   character(len=*), parameter, public :: digits = '0123456789'
+  character(len=*), parameter :: white = achar(9)//achar(10)//achar(11)//achar(12)//achar(13)
 
   !> The text, a blank at its end, and where in it the reader stands; `fault` says what is wrong.
   type :: text_cursor
     character(len=:), allocatable :: text, fault
     integer :: at = 1, depth = 0
   contains
+    procedure :: begin
     procedure :: peek
     procedure :: next_two
     procedure :: blame
@@ -22,6 +24,18 @@ module viscovib_text_cursor
   end type text_cursor
 
 contains
+
+  !> At the beginning of a text, whose tabs and ends of lines are blanks.
+  subroutine begin(self, text)
+    class(text_cursor), intent(inout) :: self
+    character(len=*), intent(in) :: text
+    integer :: i
+    self%text = text//' '
+    self%fault = ''
+    do i = 1, len(text)
+      if (scan(text(i:i), white) > 0) self%text(i:i) = ' '
+    end do
+  end subroutine begin
 
   !> The next character that is not blank.
   character function peek(self)

@@ -43,8 +43,7 @@ contains
     integer, intent(inout) :: effort
     type(cursor_type) :: cursor
 
-    cursor%text = lower(text)//' '
-    cursor%fault = ''
+    call cursor%begin(lower(text))
     cursor%effort = effort
     call read_sum(cursor, names, terms)
     if (cursor%fault == '' .and. cursor%peek() /= ' ') call cursor%blame('found where + - * / ^ ' &

@@ -51,8 +51,7 @@ contains
 
     parity = 0
     degree = 0
-    cursor%text = text//' '
-    cursor%fault = ''
+    call cursor%begin(text)
     call read_comparison(cursor, arguments, names, values)
     if (cursor%fault == '' .and. cursor%peek() /= ' ') then
       call cursor%blame('found where an operator or the end should be')

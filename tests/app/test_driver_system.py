@@ -100,6 +100,20 @@ def test_branch_of_a_system_of_ones_own(solve, tmp_path):
     assert "16 harmonics" in str(vv.plan(SCENES / "duffing_branch.nml"))
 
 
+def test_a_tab_in_a_law_is_a_blank(solve, tmp_path):
+    tables = []
+    for name, blank in (("plain", " "), ("tabs", "\t")):
+        scene = tmp_path / f"{name}.nml"
+        scene.write_text(
+            "&system coordinates='x' mass=1 stiffness=1 damping=0.05 /\n"
+            f"&force on='x' law='0.3*x^3{blank}+{blank}0.1*tanh(x){blank}' /\n"
+            "&transient t_end=3 initial=0 1 dt=0.1 /\n"
+        )
+        assert solve(scene, "--out", tmp_path).returncode == 0
+        tables.append(read_csv(tmp_path / f"{name}_transient.csv"))
+    np.testing.assert_array_equal(tables[0], tables[1])
+
+
 def test_laws_of_rates(solve, tmp_path):
     """Friction and quadratic damping, read by the driver and by Python to the same numbers."""
     scene = tmp_path / "friction.nml"

@@ -110,6 +110,16 @@ def test_wrong_laws(text, told):
         vv.Spring(on="x", law=text)
 
 
+@pytest.mark.parametrize("text", ["0.3*tanh(x) + 0.1*x*abs(x)", "0.3*x^3 + 0.1*x^2"])
+def test_tabs_and_ends_of_lines_are_blanks(text):
+    plain = vv.PolynomialSystem(mass=1, stiffness=1, forces=text)
+    spread = vv.PolynomialSystem(
+        mass=1, stiffness=1, forces="\t" + text.replace(" + ", "\n\t + \t") + "\r\n"
+    )
+    runs = [vv.simulate(one, 3, initial=[0.4, 1], dt=0.1) for one in (plain, spread)]
+    np.testing.assert_array_equal(runs[0].state, runs[1].state)
+
+
 def test_outside_the_domain_is_a_wall():
     """A motion beyond a logarithm's domain is no solution, and no number is lost."""
     law = read_law("law", "log(1 + d)", ("d",), {})
