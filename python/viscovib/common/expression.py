@@ -27,7 +27,7 @@ def expand(where: str, text: str, names: Sequence[str]) -> Polynomial:
         raise InputError(f"{where}: {len(text)} characters, must be at most {_MAX_LENGTH}")
     try:
         # A product written without its sign is the likeliest slip.
-        tree = ast.parse(re.sub(r"\^", "**", text.strip()), mode="eval")
+        tree = ast.parse(re.sub(r"\^", "**", re.sub(r"\s", " ", text).strip()), mode="eval")
         result = _Expander(where, tuple(names)).value(tree.body)
     except (RecursionError, MemoryError):
         raise InputError(
