@@ -7,12 +7,12 @@ module viscovib_transient_job
   use viscovib_kinds, only: i8, wp
   use viscovib_limits, only: min_time_tolerance
   use viscovib_method_catalogue, only: new_stepper
-  use viscovib_reduction, only: state_mask
-  use viscovib_simulate, only: run_coarse, run_completed, run_diverged, run_names, run_stopped, &
+  use viscovib_simulate, only: run_completed, run_names, run_stopped, &
     simulate
   use viscovib_status, only: fail, set_ok, show, status_input_error, status_type
   use viscovib_stepper, only: stepper_type
-  use viscovib_watch, only: new_watch, watch_type
+  use viscovib_trajectory, only: change_of, trajectory_type
+  use viscovib_watch, only: new_watch
   implicit none
   private
 
@@ -41,8 +41,9 @@ module viscovib_transient_job
   !! that are kept for it at most.
   real(wp), parameter :: peaks = 2.0e-3_wp, most_states = 1.0e5_wp
   integer, parameter :: most_parts = 64
-  !> States that a run which stops keeps at least.
-  integer, parameter :: states_at_stop = 100
+  !> States that a run which stops keeps at least; halvings of the step by which these are made
+  !! exact, before they are given up.
+  integer, parameter :: states_at_stop = 100, halvings_at_stop = 6
 
   type :: transient_job
     !> (q_1, v_1, q_2, v_2, ...) at time 0.
@@ -65,30 +66,9 @@ module viscovib_transient_job
     real(wp), allocatable :: watched(:)
   contains
     procedure :: allowed
+    procedure :: allowed_at_stop
     procedure :: solved
   end type transient_job
-
-  type :: trajectory_type
-    !> Times of the states kept, the start first; states, a column each.
-    real(wp), allocatable :: t(:), states(:, :)
-    !> The state at t_reached, of all coordinates computed; not allocated: not known.
-    real(wp), allocatable :: last(:)
-    !> Which coordinates these are; not allocated: all.
-    integer, allocatable :: places(:)
-    integer :: outcome = run_completed
-    real(wp) :: h = 0.0_wp, t_reached = 0.0_wp
-    !> Largest change of a state kept when the step was halved; negative if the
-    !! step was given.
-    real(wp) :: error = -1.0_wp
-    integer(i8) :: n_steps = 0
-    !> How many times as long the steps are as those whose nodes see every thin layer of a law.
-    real(wp) :: too_long = 0.0_wp
-    !> Events that were found, if any were looked for; states are of the coordinates kept.
-    type(watch_type), allocatable :: watch
-  contains
-    procedure :: spread_out
-    procedure :: row_of
-  end type trajectory_type
 
   !> What makes runs of one motion, with any number of steps.
   type, abstract :: run_maker
@@ -120,31 +100,6 @@ module viscovib_transient_job
   end type driven_runs
 
 contains
-
-  !> From the coordinates computed to all, the others at rest.
-  subroutine spread_out(self, moved)
-    class(trajectory_type), intent(inout) :: self
-    !> Which were computed, shape (n_dof).
-    logical, intent(in) :: moved(:)
-    real(wp), allocatable :: states(:, :)
-    integer :: i
-    allocate (states(2*size(moved), size(self%t)))
-    states = 0.0_wp
-    states(pack([(i, i=1, size(states, 1))], state_mask(moved)), :) = self%states
-    if (allocated(self%last)) then
-      self%last = unpack(self%last, state_mask(moved), spread(0.0_wp, 1, size(states, 1)))
-    end if
-    call move_alloc(states, self%states)
-  end subroutine spread_out
-
-  !> Row of the states that holds a coordinate; its velocity is the next.
-  pure integer function row_of(self, coordinate) result(row)
-    class(trajectory_type), intent(in) :: self
-    integer, intent(in) :: coordinate
-    row = coordinate
-    if (allocated(self%places)) row = findloc(self%places, coordinate, 1)
-    row = 2*row - 1
-  end function row_of
 
   !> Steps to begin with: those asked for, or where the step is to be found, about as
   !! many as are given.
@@ -215,7 +170,7 @@ contains
         met = all(maxval(abs(trajectory%states - coarse%states), 2) &
                   <= job%allowed(trajectory%states))
       else
-        met = change <= max(job%tolerance, job%relative)*size_at_stop(trajectory) &
+        met = change <= job%allowed_at_stop(trajectory) &
               .and. (trajectory%n_steps == 0 .or. trajectory%n_steps >= few)
       end if
       if (met .and. trajectory%too_long > 1.0_wp) then
@@ -225,7 +180,7 @@ contains
         cycle
       end if
       if (met) then
-        call fill_in(maker, job, int(n, i8), factor, trajectory)
+        call fill_in(maker, job, int(n, i8), factor, trajectory, change)
         ! Nothing but rest has no error at all.
         trajectory%error = max(change, 4.0_wp*epsilon(1.0_wp)*maxval(abs(trajectory%states)))
         if (trajectory%outcome /= run_completed) then
@@ -318,26 +273,14 @@ contains
     end if
   end subroutine check_work
 
-  !> Largest difference of the states of two runs, and of the times at which they stop.
-  pure real(wp) function change_of(coarse, fine) result(change)
-    type(trajectory_type), intent(in) :: coarse, fine
-    integer :: n
-    change = huge(1.0_wp)
-    n = min(size(coarse%t), size(fine%t))
-    if (coarse%outcome /= fine%outcome .or. fine%outcome == run_coarse) return
-    if (max(size(coarse%t), size(fine%t)) > n + merge(0, 1, fine%outcome == run_completed)) return
-    change = abs(fine%t_reached - coarse%t_reached)
-    ! Where a coordinate passes its bound it changes faster than any time is known.
-    if (fine%outcome == run_diverged .and. fine%t(n) >= fine%t_reached) n = n - 1
-    if (n > 0) change = max(change, maxval(abs(fine%states(:, :n) - coarse%states(:, :n))))
-  end function change_of
-
-  !> What errors are measured by: 1, but the state where a motion runs away.
-  pure real(wp) function size_at_stop(run)
+  !> Largest error allowed of a motion that stops: absolute of 1 or of a state that runs away.
+  pure real(wp) function allowed_at_stop(self, run) result(allowed)
+    class(transient_job), intent(in) :: self
     type(trajectory_type), intent(in) :: run
-    size_at_stop = 1.0_wp
-    if (run%outcome /= run_completed) size_at_stop = max(1.0_wp, maxval(abs(run%states)))
-  end function size_at_stop
+    real(wp) :: largest
+    largest = max(1.0_wp, maxval(abs(run%states)))
+    allowed = self%tolerance*largest + self%relative*max(largest, run%t_reached)
+  end function allowed_at_stop
 
   !> Errors allowed in each row of states.
   pure function allowed(self, states)
@@ -390,28 +333,27 @@ contains
   !> So many states between those of an accepted run that no peak between them is higher
   !! by more than `peaks` of the largest displacement: by a run in steps as short. States
   !! d apart let a displacement rise by at most |u''| d^2/8.
-  subroutine fill_in(maker, job, n, factor, trajectory)
+  subroutine fill_in(maker, job, n, factor, trajectory, change)
     class(run_maker), intent(in) :: maker
     class(transient_job), intent(in) :: job
     !> Steps of the first run, and how many times more those of the accepted one.
     integer(i8), intent(in) :: n
     integer, intent(in) :: factor
     type(trajectory_type), intent(inout) :: trajectory
+    !> Its error.
+    real(wp), intent(inout) :: change
     type(trajectory_type) :: dense
     type(status_type) :: status
     real(wp) :: d, rise, largest
     integer :: i, m, parts
 
     if (job%save_every > 1 .or. job%last_only) return
-    m = size(trajectory%t)
-    parts = 1
     if (trajectory%outcome /= run_completed) then
-      do while (parts < most_parts .and. parts*max(m - 1, 1) < states_at_stop)
-        parts = 2*parts
-      end do
-      call refill()
+      call fill_in_to_stop(maker, job, n, factor, trajectory, change)
       return
     end if
+    m = size(trajectory%t)
+    parts = 1
     d = trajectory%t(2) - trajectory%t(1)
     do i = 1, size(trajectory%states, 1), 2
       largest = maxval(abs(trajectory%states(i, :)))
@@ -425,19 +367,51 @@ contains
     do while (parts > 1 .and. real(parts, wp)*m > most_states)
       parts = parts/2
     end do
-    call refill()
-
-  contains
-
-    subroutine refill()
-      if (parts == 1) return
-      m = max(factor, parts)
-      call maker%make(job, n*m, m/parts, dense, status)
-      if (status%failed()) return
-      if (dense%outcome == trajectory%outcome) trajectory = dense
-    end subroutine refill
-
+    if (parts == 1) return
+    m = max(factor, parts)
+    call maker%make(job, n*m, m/parts, dense, status)
+    if (status%failed()) return
+    if (dense%outcome == trajectory%outcome) trajectory = dense
   end subroutine fill_in
+
+  !> So many states of a run that stops that there is something to look at. Some of them are nearer
+  !! to the stop than all that were compared: where a motion runs away errors grow with it, so
+  !! they are compared with those of runs in shorter steps.
+  subroutine fill_in_to_stop(maker, job, n, factor, trajectory, change)
+    class(run_maker), intent(in) :: maker
+    class(transient_job), intent(in) :: job
+    !> As of `fill_in`.
+    integer(i8), intent(in) :: n
+    integer, intent(in) :: factor
+    type(trajectory_type), intent(inout) :: trajectory
+    real(wp), intent(inout) :: change
+    type(trajectory_type) :: more, finer
+    type(status_type) :: status
+    real(wp) :: error
+    integer :: i, parts, steps
+
+    parts = 1
+    do while (parts < most_parts .and. parts*max(size(trajectory%t) - 1, 1) < states_at_stop)
+      parts = 2*parts
+    end do
+    if (parts == 1) return
+    steps = max(factor, parts)
+    call maker%make(job, n*steps, steps/parts, finer, status)
+    do i = 1, halvings_at_stop
+      if (status%failed()) return
+      more = finer
+      steps = 2*steps
+      call maker%make(job, n*steps, steps/parts, finer, status)
+      if (status%failed()) return
+      if (finer%outcome /= trajectory%outcome) return
+      call maker%align(more, finer)
+      error = change_of(more, finer)
+      if (error > job%allowed_at_stop(finer)) cycle
+      change = max(change, error)
+      trajectory = finer
+      return
+    end do
+  end subroutine fill_in_to_stop
 
   subroutine make_driven(self, job, n, thinning, trajectory, status)
     class(driven_runs), intent(in) :: self

@@ -1,6 +1,7 @@
 """The standalone driver: events of motions in time."""
 
 import os
+import warnings
 
 import numpy as np
 import pytest
@@ -26,6 +27,12 @@ SCENES = {
     "stops": SYSTEM + "&transient initial=0.1 0 0 0.3, nu=1.3, t_end=30, dt=0.2 /\n"
     "&event function='x - y*cos(t)' /\n"
     "&event function='y + gap', direction='down', terminal='yes' /\n",
+    "stops, step found": SYSTEM + "&transient initial=0.1 0 0 0.3, nu=1.3, t_end=30 /\n"
+    "&event function='y + gap', direction='down', terminal='yes' /\n",
+    "stops, relative": SYSTEM + "&transient initial=0.1 0 0 0.3, nu=1.3, t_end=30, rtol=1e-7 /\n"
+    "&event function='y + gap', direction='down', terminal='yes' /\n",
+    "pendulum that stops": PENDULUM + "&transient initial=0.05 0 0.3 0 -0.2 0, t_end=20 /\n"
+    "&event function='phi + 0.1', terminal='yes' /\n",
     "kept last": SYSTEM + "&transient initial=0.1 0 0 0.3, nu=1.3, t_end=30, keep='last' /\n"
     "&event function='y + gap', direction='down', terminal='yes' /\n",
     "none": SYSTEM + "&transient initial=0.1 0 0 0.3, nu=1.3, t_end=3 /\n"
@@ -141,6 +148,25 @@ def test_what_is_refused(solve, tmp_path, old, new, text):
     folder = tmp_path / "out"
     folder.mkdir()
     check_failure(solve(scene, "--out", folder), 2, text, folder)
+
+
+@pytest.mark.parametrize("law", ["-x^3", "log(1 - x)"])
+@pytest.mark.parametrize("wanted", ["", ", tolerance=1e-7", ", rtol=1e-8"])
+def test_motions_that_end_early_agree_to_the_last_bit(solve, tmp_path, law, wanted):
+    """States near the stop are those of steps that runs in shorter steps confirm, in both."""
+    scene = tmp_path / "motion.nml"
+    scene.write_text(
+        "&system coordinates='x', mass=1, stiffness=1, damping=0.1 /\n"
+        f"&force on='x', law='{law}' /\n"
+        f"&transient initial=0.5 1.5, t_end=20{wanted} /\n"
+    )
+    assert solve(scene, "--out", tmp_path).returncode == 1
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        vv.run(scene).to_csv(tmp_path / "own.csv")
+    table = (tmp_path / "own.csv").read_bytes()
+    assert table == (tmp_path / "motion_transient.csv").read_bytes()
+    assert table.count(b"\n") > 10
 
 
 def test_a_function_too_fine_for_rounding_is_told(solve, tmp_path):

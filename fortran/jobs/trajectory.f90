@@ -1,0 +1,75 @@
+!> What a motion in time leaves behind, and how much two runs of it differ.
+module viscovib_trajectory
+  use viscovib_kinds, only: i8, wp
+  use viscovib_reduction, only: state_mask
+  use viscovib_simulate, only: run_coarse, run_completed, run_diverged
+  use viscovib_watch, only: watch_type
+  implicit none
+  private
+
+  public :: trajectory_type, change_of
+
+  type :: trajectory_type
+    !> Times of the states kept, the start first; states, a column each.
+    real(wp), allocatable :: t(:), states(:, :)
+    !> The state at t_reached, of all coordinates computed; not allocated: not known.
+    real(wp), allocatable :: last(:)
+    !> Which coordinates these are; not allocated: all.
+    integer, allocatable :: places(:)
+    integer :: outcome = run_completed
+    real(wp) :: h = 0.0_wp, t_reached = 0.0_wp
+    !> Largest change of a state kept when the step was halved; negative if the
+    !! step was given.
+    real(wp) :: error = -1.0_wp
+    integer(i8) :: n_steps = 0
+    !> How many times as long the steps are as those whose nodes see every thin layer of a law.
+    real(wp) :: too_long = 0.0_wp
+    !> Events that were found, if any were looked for; states are of the coordinates kept.
+    type(watch_type), allocatable :: watch
+  contains
+    procedure :: spread_out
+    procedure :: row_of
+  end type trajectory_type
+
+contains
+
+  !> Largest difference of the states of two runs, and of the times at which they stop.
+  pure real(wp) function change_of(coarse, fine) result(change)
+    type(trajectory_type), intent(in) :: coarse, fine
+    integer :: n
+    change = huge(1.0_wp)
+    n = min(size(coarse%t), size(fine%t))
+    if (coarse%outcome /= fine%outcome .or. fine%outcome == run_coarse) return
+    if (max(size(coarse%t), size(fine%t)) > n + merge(0, 1, fine%outcome == run_completed)) return
+    change = abs(fine%t_reached - coarse%t_reached)
+    ! Where a coordinate passes its bound it changes faster than any time is known.
+    if (fine%outcome == run_diverged .and. fine%t(n) >= fine%t_reached) n = n - 1
+    if (n > 0) change = max(change, maxval(abs(fine%states(:, :n) - coarse%states(:, :n))))
+  end function change_of
+
+  !> From the coordinates computed to all, the others at rest.
+  subroutine spread_out(self, moved)
+    class(trajectory_type), intent(inout) :: self
+    !> Which were computed, shape (n_dof).
+    logical, intent(in) :: moved(:)
+    real(wp), allocatable :: states(:, :)
+    integer :: i
+    allocate (states(2*size(moved), size(self%t)))
+    states = 0.0_wp
+    states(pack([(i, i=1, size(states, 1))], state_mask(moved)), :) = self%states
+    if (allocated(self%last)) then
+      self%last = unpack(self%last, state_mask(moved), spread(0.0_wp, 1, size(states, 1)))
+    end if
+    call move_alloc(states, self%states)
+  end subroutine spread_out
+
+  !> Row of the states that holds a coordinate; its velocity is the next.
+  pure integer function row_of(self, coordinate) result(row)
+    class(trajectory_type), intent(in) :: self
+    integer, intent(in) :: coordinate
+    row = coordinate
+    if (allocated(self%places)) row = findloc(self%places, coordinate, 1)
+    row = 2*row - 1
+  end function row_of
+
+end module viscovib_trajectory
