@@ -50,6 +50,27 @@ def test_what_creeps_has_not_settled(memory):
     assert (found.labels == -1).all()
 
 
+@pytest.mark.parametrize(
+    "joint",
+    [vv.Jenkins(on="x1", stiffness=0.5, limit=0.1), vv.Dahl(on="x1", stiffness=0.5, limit=0.1)],
+)
+def test_what_creeps_with_hysteresis_has_not_settled(joint):
+    """Neighbours stay where they are, be it that friction holds them or that they creep."""
+    starts = {"x1": [-1.2, 0.4], "x1_dot": [-0.5, 0.5]}
+
+    def found(damping, end, dt):
+        wells = vv.Structure(
+            mass=[1.0], stiffness=[-1.0], damping=[damping],
+            elements=[vv.Spring(on="x1", law="d^3"), joint],
+        )  # fmt: skip
+        return vv.basins(wells, starts, t_end=end, dt=dt)
+
+    creeping = found(1e4, 2.0, 1e-3)
+    assert not creeping.attractors
+    assert (creeping.labels == -1).all()
+    assert found(0.3, 100.0, 0.05).complete
+
+
 def test_attractors_of_random_wells_are_the_roots():
     """Damping over five decades, runs too short and long enough: no two are of one well."""
     rng = np.random.default_rng(3)

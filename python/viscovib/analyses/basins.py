@@ -229,11 +229,12 @@ def basins(
         pair = np.maximum(scale[::2], scale[1::2] / fastest)
         scale = np.stack([pair, fastest * pair], axis=1).ravel()
     labels, attractors, shown = _classes(points, ended, most, near, scale)
-    starts_of = states if _remembers(system) else None
-    labels, attractors = _only_stable(
-        system, labels, attractors, near, scale, call | length,
-        None if starts_of is None else starts_of[shown],
-    )  # fmt: skip
+    begun = states[shown] if _remembers(system) else None
+    if begun is not None and attractors and not _has_kernels(system):
+        stop = _come_to_rest(system, begun, points[shown], attractors, scale, call | length)
+        labels, attractors = _only(stop, labels, attractors)
+        begun = begun[stop]
+    labels, attractors = _only_stable(system, labels, attractors, near, scale, call | length, begun)
     share = np.array([(labels == i).mean() for i in range(len(attractors))])
     return Basins(labels.reshape(y.size, x.size), attractors, share, names, x, y, near, system)
 
@@ -305,8 +306,7 @@ def _only_stable(
     completed = (run.outcome == "completed").reshape(len(orbits), -1)
     ends = run.state.reshape(len(orbits), -1, scale.size) / scale
     kernels = np.bool_(starts is not None and _has_kernels(system))
-    kept: list[FloatArray] = []
-    place = np.full(len(orbits), UNSETTLED)
+    good = np.zeros(len(orbits), dtype=bool)
     for i in range(len(orbits)):
         if not completed[i].all():
             continue
@@ -318,15 +318,56 @@ def _only_stable(
         nearer = left <= _NEARER * np.abs(pushed[1:]).min(axis=1)
         if starts is not None:
             back &= nearer | ~kernels
-            good = bool(2 * back.sum() > back.size)
+            good[i] = 2 * back.sum() > back.size
         else:
             settled = bool(nearer.all()) or bool(away[0] <= _STANDS)
-            good = bool(back.all()) and bool(away[0] <= 2 * near) and settled
-        if good:
-            place[i] = len(kept)
-            kept.append(orbits[i])
-    labels = np.where(labels >= 0, place[np.maximum(labels, 0)], labels)
-    return labels, tuple(kept)
+            good[i] = bool(back.all()) and bool(away[0] <= 2 * near) and settled
+    return _only(good, labels, orbits)
+
+
+def _come_to_rest(
+    system: Any,
+    starts: FloatArray,
+    points: FloatArray,
+    orbits: tuple[FloatArray, ...],
+    largest: FloatArray,
+    call: Mapping[str, Any],
+) -> npt.NDArray[np.bool_]:
+    """Which motions, one of each orbit, move less in a run twice as long, or stand still.
+
+    Where friction holds what it can, neighbours stay where they are, and tell nothing of creeping.
+    """
+    scale = np.maximum(largest, 1e-9 * max(float(largest.max()), 1e-290))
+    longer = dict(call)
+    if "t_end" in call:
+        ends = []
+        for end in (2.0, 2.1):
+            longer["t_end"] = end * call["t_end"]
+            ends.append(simulate_ensemble(system, initial=starts, **longer).state)
+        later = np.stack(ends, axis=1)
+    else:
+        count = 2 * call["n_periods"]
+        longer |= {"n_periods": count, "discard": count - points.shape[1]}
+        found = simulate_ensemble(system, initial=starts, **longer).sections
+        assert found is not None
+        later = found
+    moved = []
+    for seen in (points, later):
+        pairs = [(one[-len(orbit) :], one[-2 * len(orbit) : -len(orbit)])
+                 for one, orbit in zip(seen, orbits, strict=True)]  # fmt: skip
+        moved.append(np.array([np.abs((new - old) / scale).max() for new, old in pairs]))
+    # What did not reach its end is NaN, and not less.
+    return np.asarray(moved[1] <= np.maximum(_NEARER * moved[0], _STANDS))
+
+
+def _only(
+    good: npt.NDArray[np.bool_], labels: npt.NDArray[np.intp], orbits: tuple[FloatArray, ...]
+) -> tuple[npt.NDArray[np.intp], tuple[FloatArray, ...]]:
+    """Keep some orbits; what settles on others has not settled."""
+    place = np.where(good, np.cumsum(good) - 1, UNSETTLED)
+    if good.size:
+        labels = np.where(labels >= 0, place[np.maximum(labels, 0)], labels)
+    return labels, tuple(orbit for orbit, keep in zip(orbits, good, strict=True) if keep)
 
 
 def _step(system: Any, states: FloatArray, call: Mapping[str, Any]) -> float:
