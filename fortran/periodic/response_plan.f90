@@ -11,7 +11,7 @@ module viscovib_response_plan
   use viscovib_limits, only: max_harmonics, max_tolerance, min_tolerance, most_harmonics_chosen
   use viscovib_load, only: load_type
   use viscovib_oscillator, only: oscillator_type
-  use viscovib_plan_text, only: tell_idle, tell_zeros
+  use viscovib_plan_text, only: tell_idle, tell_preload, tell_zeros
   use viscovib_polynomial, only: polynomial_type
   use viscovib_reduction, only: moved_coordinates, reduce
   use viscovib_response, only: response_options
@@ -231,10 +231,7 @@ contains
       end if
       if (plan%set%half_wave) call plan%say('skips: even harmonics and half of each period ' &
                                             //'(odd forces, load of odd harmonics)')
-      if (force_at_rest(system) > 0.0_wp) then
-        call plan%say('computes: the static preload of laws that are not 0 at rest (up to ' &
-                      //show(force_at_rest(system))//')')
-      end if
+      plan%rest = plan%rest//tell_preload(system)
       if (system%separable) call plan%say('skips: hereditary variables in time ' &
                                           //'(memory acts on each term as a whole)')
     end if
@@ -259,25 +256,6 @@ contains
                                                      //'skips: history of corrections (not ' &
                                                      //'asked for)'//new_line('a')
   end subroutine describe
-
-  !> The largest force at rest of laws that are no polynomials, such as of a gap that is negative.
-  real(wp) function force_at_rest(system)
-    class(oscillator_type), intent(in) :: system
-    real(wp) :: value(1)
-    integer :: i
-    force_at_rest = 0.0_wp
-    select type (system)
-    class is (polynomial_type)
-      do i = 1, size(system%laws)
-        associate (law => system%laws(i))
-          if (law%state > 0) cycle
-          call law%program%evaluate(reshape([real(wp) ::], [1, size(law%arguments, 1)], &
-                                            pad=[0.0_wp]), value)
-          force_at_rest = max(force_at_rest, abs(value(1)))
-        end associate
-      end do
-    end select
-  end function force_at_rest
 
   subroutine say(self, line)
     class(response_plan_type), intent(inout) :: self

@@ -1,12 +1,14 @@
 !> Lines of a plan: what is left out because it would change nothing.
 module viscovib_plan_text
+  use viscovib_kinds, only: wp
   use viscovib_load, only: load_type
   use viscovib_oscillator, only: oscillator_type
-  use viscovib_status, only: things
+  use viscovib_polynomial, only: polynomial_type
+  use viscovib_status, only: show, things
   implicit none
   private
 
-  public :: tell_zeros, tell_idle
+  public :: tell_idle, tell_preload, tell_zeros
 
   character(len=*), parameter :: nl = new_line('a')
 
@@ -39,5 +41,34 @@ contains
                                  //'(neither moved by load or start nor coupled to one that is)'//nl
   end function tell_idle
 
-  !> A number of things, '1 term' or '2 terms'.
+  !> Laws that are not 0 at rest.
+  function tell_preload(system) result(text)
+    class(oscillator_type), intent(in) :: system
+    character(len=:), allocatable :: text
+    text = ''
+    if (force_at_rest(system) > 0.0_wp) then
+      text = 'computes: the static preload of laws that are not 0 at rest (up to ' &
+             //show(force_at_rest(system))//')'//nl
+    end if
+  end function tell_preload
+
+  !> The largest force at rest of laws that are no polynomials, such as of a gap that is negative.
+  real(wp) function force_at_rest(system)
+    class(oscillator_type), intent(in) :: system
+    real(wp) :: value(1)
+    integer :: i
+    force_at_rest = 0.0_wp
+    select type (system)
+    class is (polynomial_type)
+      do i = 1, size(system%laws)
+        associate (law => system%laws(i))
+          if (law%state > 0) cycle
+          call law%program%evaluate(reshape([real(wp) ::], [1, size(law%arguments, 1)], &
+                                            pad=[0.0_wp]), value)
+          force_at_rest = max(force_at_rest, abs(value(1)))
+        end associate
+      end do
+    end select
+  end function force_at_rest
+
 end module viscovib_plan_text

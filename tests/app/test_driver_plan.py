@@ -87,3 +87,20 @@ def test_the_last_state_alone(solve, tmp_path, name, step):
     assert table["t"][0] == last.t[0] == whole.t[-1]
     assert np.abs(np.array(table[0].tolist()[1:]) - last.state[0]).max() < 1e-12
     assert np.abs(last.state[-1] - whole.state[-1]).max() < (1e-7 if step else 1e-14)
+
+
+def test_motions_in_time_tell_a_static_preload(solve, tmp_path):
+    system = "&system coordinates='x' mass=1 stiffness=1 damping=0.05 /\n&force on='x' law='{}' /\n"
+    structure = (
+        "&structure size=2 mass=1 1 stiffness=2 -1 -1 2 rayleigh=0 0.05 /\n"
+        "&element on='x1' law='{}' /\n"
+    )
+    motion = "&transient t_end=3 initial={} /\n"
+    for text, start, law in (
+        (system, "0 1", "0.3*tanh(x) + 0.2*cos(x)"), (structure, "0 1 0 0", "0.2*exp(d)"),
+    ):  # fmt: skip
+        scene = tmp_path / "scene.nml"
+        scene.write_text(text.format(law) + motion.format(start))
+        plan = solve(scene, "--plan").stdout.splitlines()
+        assert "computes: the static preload of laws that are not 0 at rest (up to 0.2)" in plan
+        assert str(vv.plan(scene)).splitlines() == plan

@@ -144,3 +144,20 @@ def test_scenes(tmp_path):
     ).coefficients[0, 0]
     for one in (values[0].coefficients[0, 0], found):
         np.testing.assert_allclose(one, expected, rtol=1e-9, atol=1e-12)
+
+
+@pytest.mark.parametrize("options", [{}, {"dt": 0.1}])
+def test_plans_of_motions_in_time_tell_it(options):
+    kernel = vv.PronyKernel(weights=[0.3], rates=[0.7])
+    one = {"mass": 1, "stiffness": 1, "damping": 0.1}
+    stop = {"mass": [[1.0]], "stiffness": [[1.0]], "damping": [[0.1]]}
+    told = "computes: the static preload of laws that are not 0 at rest (up to {})"
+    for system, force in (
+        (vv.PolynomialSystem(**one, forces="x^3 + 0.3"), 0.3),
+        (vv.PolynomialSystem(**one, forces="x^3 + 0.3", kernel=kernel), 0.3),
+        (vv.Structure(**stop, elements=[vv.Gap(on="x1", stiffness=2.0, gap=-0.1)]), 0.2),
+        (vv.Structure(**stop, elements=[vv.Spring(on="x1", law="0.5*exp(d)")]), 0.5),
+    ):
+        assert told.format(force) in str(vv.simulate(system, 3, **options).plan).splitlines()
+    plain = vv.PolynomialSystem(**one, forces="x^3 + 0.3*tanh(x)")
+    assert "preload" not in str(vv.simulate(plain, 3, **options).plan)
