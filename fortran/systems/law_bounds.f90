@@ -114,7 +114,7 @@ contains
     x%size = maxval(abs(value))
   end subroutine apply
 
-  !> Leave of a quantity what lies in the domain of a function.
+  !> Leave of a quantity what lies in the domain of a function, to which poles do not belong.
   pure subroutine clip(code, number, x)
     integer, intent(in) :: code
     real(wp), intent(in) :: number
@@ -125,6 +125,7 @@ contains
     select case (code)
     case (f_asin, f_acos, f_atanh)
       domain = [-1.0_wp, 1.0_wp]
+      if (code == f_atanh) domain = nearest(1.0_wp, -1.0_wp)*domain
     case (f_acosh)
       domain(1) = 1.0_wp
     case (f_log)
@@ -132,7 +133,7 @@ contains
     case (f_sqrt)
       domain(1) = 0.0_wp
     case (known_power)
-      if (.not. is_whole(number)) domain(1) = 0.0_wp
+      if (.not. is_whole(number)) domain(1) = merge(0.0_wp, 1.0_wp/wall, number >= 0.0_wp)
     case default
       return
     end select
@@ -158,9 +159,8 @@ contains
       call of_one(code, number, x(k), f(k), d(k))
       if (singular(code, number, x(k))) d(k) = merge(-wall, wall, code == f_acos)
     end do
-    ! Beyond its largest argument exp counts as a wall; that of a root or logarithm at 0 is none.
+    ! Beyond its largest argument exp counts as a wall; that of a logarithm at 0 is none.
     if (code == f_log .and. x(1) <= 1.0_wp/wall) f(1) = -steepest
-    if (code == f_atanh .and. x(1) <= -1.0_wp) f(1) = -wall
     if (code == f_sinh .and. x(1) < -steepest) f(1) = -wall
     value = [minval(f), maxval(f)]
     by = [minval(d), maxval(d)]

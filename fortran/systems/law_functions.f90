@@ -234,8 +234,10 @@ contains
     real(wp), intent(in) :: x, number
     real(wp), intent(inout) :: value, by
 
-    if (.not. abs(x) > 0.0_wp) then
-      if (number >= 0.0_wp) value = merge(0.0_wp, 1.0_wp, number > 0.0_wp)
+    if (.not. abs(number) > 0.0_wp) then
+      value = 1.0_wp
+    else if (.not. abs(x) > 0.0_wp) then
+      if (number > 0.0_wp) value = 0.0_wp
       if (abs(number - 1.0_wp) <= 0.0_wp) by = 1.0_wp
     else if (x > 0.0_wp .or. is_whole(number)) then
       if (max(abs(number), abs(number - 1.0_wp))*abs(log(abs(x))) > steepest) then

@@ -12,6 +12,7 @@ program tester
   use test_hereditary, only: run_hereditary_suite
   use test_hill, only: run_hill
   use test_kernels, only: run_kernels
+  use test_law_bounds, only: run_law_bounds
   use test_namelist, only: run_namelist
   use test_polynomial, only: run_polynomial
   use test_response, only: run_response
@@ -43,6 +44,7 @@ program tester
   if (wants('hereditary')) call run_hereditary_suite()
   if (wants('hill')) call run_hill()
   if (wants('kernels')) call run_kernels()
+  if (wants('law_bounds')) call run_law_bounds()
   if (wants('namelist')) call run_namelist()
   if (wants('polynomial')) call run_polynomial()
   if (wants('response')) call run_response()
