@@ -26,7 +26,23 @@ FUNCTIONS = {
     "x*x_dot + L": lambda t, y, level: y[0] * y[1] + level,
     "sin(x + t) - L": lambda t, y, level: np.sin(y[0] + t) - level,
 }
+#: Functions of what is watched, U, that change within a width W, with the places where they pass 0
+#: in widths, and the sign of their slope there.
+THIN = {
+    "exp(-((U)/W)^2) - 0.5": ((-np.sqrt(np.log(2)), 1), (np.sqrt(np.log(2)), -1)),
+    "1/(1 + ((U)/W)^2) - 0.5": ((-1.0, 1), (1.0, -1)),
+    "W - abs(U)": ((-1.0, 1), (1.0, -1)),
+    "tanh((U)/W) - 0.5": ((np.arctanh(0.5), 1),),
+    "where(U > W, -1, 1)": ((1.0, -1),),
+    "max(U, -W)*max(-(U), -W)": ((0.0, 0),),
+    "atan((U)/W)*(1 - ((U)/W)^2)": ((-1.0, -1), (0.0, 1), (1.0, -1)),
+}
 _END = 12.0
+
+
+def _levels(text, width):
+    """Places of passages of a thin function, and signs; those that only touch 0 are none."""
+    return [(place * width, sign) for place, sign in THIN[text] if sign]
 
 
 def case(rng, index):
@@ -40,6 +56,13 @@ def case(rng, index):
     method = ("gauss8", "gauss8", "verner9", "gauss16")[int(rng.integers(4))]
     direction = ("any", "up", "down")[int(rng.integers(3))]
     function = watched.replace("L", f"({level})")
+    levels = [(0.0, 1)]
+    if index % 3 == 2:
+        # Narrower than a step.
+        width = float(f"1e-{int(rng.integers(1, 7))}")
+        thin = list(THIN)[int(rng.integers(len(THIN)))]
+        function = thin.replace("U", function).replace("W", str(width))
+        levels = _levels(thin, width)
     call = f"""s = vv.PolynomialSystem(mass=1, stiffness={k}, damping={c}, forces={law!r})
 e = vv.Event({function!r}, direction={direction!r})
 m = vv.simulate(s, {_END}, load={load}, nu={nu}, initial={start}, dt=0.05, method={method!r},
@@ -52,30 +75,36 @@ middle = m(m.t_reached / 3)
         def rates(t, y):
             return [y[1], load * np.sin(nu * t) - c * y[1] - k * y[0] - LAWS[text](y[0], a, b)]
 
-        def passed(t, y):
+        def plain(t, y):
             return FUNCTIONS[watched](t, y, level)
 
-        passed.direction = {"any": 0, "up": 1, "down": -1}[direction]
+        def through(place, sign):
+            def passed(t, y):
+                return sign * (plain(t, y) - place)
+
+            passed.direction = {"any": 0, "up": 1, "down": -1}[direction]
+            return passed
+
         run = solve_ivp(
             rates, (0, _END), start, "DOP853", rtol=1e-11, atol=1e-12, max_step=0.01,
-            events=passed, dense_output=True,
+            events=[through(*one) for one in levels], dense_output=True,
         )  # fmt: skip
         yield Claim("outcome", names["outcome"], "completed")
         size = max(1.0, np.abs(run.y).max())
         yield Claim("state", names["last"] / size, run.y[:, -1] / size, 1e-6)
         yield Claim("between", names["middle"] / size, run.sol(_END / 3) / size, 1e-6)
         t = np.linspace(0, _END, 40_001)
-        g = passed(t, run.sol(t))
+        g = plain(t, run.sol(t))
         turns = np.flatnonzero(np.diff(np.sign(np.diff(g))) != 0) + 1
-        near = np.abs(g[[0, -1]]).min()
-        if turns.size:
-            near = min(near, np.abs(g[turns]).min())
-        if near < 1e-4:
+        ends = np.append(g[turns], g[[0, -1]])
+        if any(np.abs(ends - place).min() < 1e-4 for place, _ in levels):
             return
-        yield Claim("events", len(names["times"]), len(run.t_events[0]))
+        times = np.sort(np.concatenate([np.empty(0), *run.t_events]))
+        yield Claim("events", len(names["times"]), len(times))
         if len(names["times"]):
-            yield Claim("times", names["times"], run.t_events[0], 1e-5)
-            here = passed(names["times"], names["states"].T)
-            yield Claim("on it", 1 + np.abs(here).max(), 1.0, 1e-10)
+            yield Claim("times", names["times"], times, 1e-5)
+            here = plain(names["times"], names["states"].T)
+            off = np.min([np.abs(here - place) for place, _ in levels], axis=0)
+            yield Claim("on it", 1 + off.max(), 1.0, 1e-10)
 
     return Case(call, judge)
