@@ -253,6 +253,20 @@ def test_what_is_refused(call, told):
 
 
 @pytest.mark.parametrize(
+    "element",
+    [
+        vv.BoucWen(on="x1", stiffness=0.5, beta=5, gamma=3),
+        vv.Spring(on="x1", law="0.1*abs(d)"),
+        vv.Spring(on="x1", law="0.1*tanh(v/0.2) + 0.1*abs(d)"),
+    ],
+)
+def test_a_tolerance_that_is_not_met_is_told(element):
+    """Of a motion that grows by 1e14 no digit is left; laws beside make it try once more."""
+    with pytest.raises(vv.InputError, match="tolerance = 1e-10: not met with"):
+        vv.simulate(body(element, k=-1.0, c=0.0), 35, load=[0.3], nu=1.3)
+
+
+@pytest.mark.parametrize(
     ("load", "nu", "friction", "stop", "start"),
     [
         # An impact jumps over v = 0: the mass must not stick there with a velocity.

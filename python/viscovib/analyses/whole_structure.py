@@ -19,7 +19,7 @@ from viscovib.systems.load import LoadLike
 from viscovib.systems.load_table import LoadTable
 from viscovib.systems.structure import Structure
 from viscovib.systems.structure_matrices import dense_of
-from viscovib.systems.whole import switches, whole_system
+from viscovib.systems.whole import has_text_laws, switches, whole_system
 
 
 def goes_whole(
@@ -97,6 +97,12 @@ class WholeRun(PolynomialRun):
     def __init__(self, structure: Structure, like: PolynomialRun) -> None:
         super().__init__(like.system, like.method, like.state, like.h, like.solved, like.job)
         self.system = structure  # type: ignore[assignment]
+
+    @property
+    def has_layers(self) -> bool:
+        """Whether there are laws."""
+        structure: Any = self.system
+        return has_text_laws(structure)
 
     def belongs_to_state(self) -> npt.NDArray[np.bool_]:
         """As of other systems, but since when it rests against stops is a time."""

@@ -10,6 +10,7 @@ from viscovib._native import FloatArray
 from viscovib.errors import InputError
 from viscovib.systems.element_laws import Monomials, add_force
 from viscovib.systems.elements import coupling_terms
+from viscovib.systems.laws import Law
 from viscovib.systems.polynomial_system import PolynomialSystem
 from viscovib.systems.structure import Structure
 from viscovib.systems.structure_matrices import dense_of, with_elements
@@ -17,10 +18,19 @@ from viscovib.systems.structure_matrices import dense_of, with_elements
 
 def switches(structure: Structure) -> bool:
     """Whether some law has kinks or jumps, or some element knows what was."""
+    return any(law.state or law.branches for law in _laws_of(structure))
+
+
+def has_text_laws(structure: Structure) -> bool:
+    """Whether some law is a function of deflections alone, which may be thinner than a step."""
+    return any(not law.state for law in _laws_of(structure))
+
+
+def _laws_of(structure: Structure) -> list[Law]:
     laws = [element.law for element in structure._all_elements if element.law is not None]
     for coupling in coupling_terms(structure.elements, structure.dof_names, structure._places):  # type: ignore[attr-defined]
         laws += [law for _, law in coupling.programs]
-    return any(law.state or law.branches for law in laws)
+    return laws
 
 
 def whole_system(structure: Structure) -> PolynomialSystem:
