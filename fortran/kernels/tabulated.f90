@@ -88,7 +88,8 @@ contains
                   //'interpolation')
         return
       end if
-      start = values(1)*(values(1)/values(2))**(times(1)/(times(2) - times(1)))
+      call continue_to_zero(times, values, start, status)
+      if (status%failed()) return
     case default
       call fail(status, status_input_error, 'interpolation', 'interpolation = ' &
                 //show(interpolation)//': must be linear (0) or exponential (1)')
@@ -108,6 +109,30 @@ contains
     end associate
   end subroutine new_tabulated
 
+  !> R(0) by the first rate, which two close points with noise make as large as one likes: a
+  !! continuation beyond the range of numbers is refused, since no transform of it is a number.
+  subroutine continue_to_zero(times, values, start, status)
+    real(wp), intent(in) :: times(:), values(:)
+    real(wp), intent(out) :: start
+    type(status_type), intent(out) :: status
+    real(wp) :: growth, height
+
+    start = values(1)
+    if (.not. times(1) > 0.0_wp) return
+    ! Both are numbers: times differ by a rounding of them at least.
+    growth = log_ratio(values(1), values(2))*(times(1)/(times(2) - times(1)))
+    height = log(values(1)) + growth
+    if (height > log(huge(start)) - 1.0_wp .or. height < log(tiny(start)) + 1.0_wp) then
+      call fail(status, status_input_error, 'times', 'times (value 1) = '//show(times(1)) &
+                //': the first rate, continued to 0, gives a value exp('//show(growth)//') times ' &
+                //'the first one, out of the range of numbers: give a value at time 0, or first ' &
+                //'values that change less')
+      return
+    end if
+    ! In quarters, none of which leaves the range of numbers.
+    start = (values(1)*exp(0.25_wp*growth)**2)*exp(0.25_wp*growth)**2
+  end subroutine continue_to_zero
+
   !> log(a/b) for positive a and b, to rounding where they are alike too: a - b is exact there,
   !! and the quotient a/b is not. A last rate of 1e-3 loses three digits else, and the integral with
   !! it.
@@ -115,6 +140,8 @@ contains
     real(wp), intent(in) :: a, b
     if (a <= 2.0_wp*b .and. b <= 2.0_wp*a) then
       log_ratio = 2.0_wp*atanh((a - b)/(a + b))
+    else if (abs(exponent(a) - exponent(b)) > 1000) then
+      log_ratio = log(a) - log(b)  ! a/b is no number
     else
       log_ratio = log(a/b)
     end if

@@ -1,5 +1,6 @@
 """Relaxation kernels against 50-digit references, quadrature and limits."""
 
+import itertools
 import math
 import re
 import warnings
@@ -134,6 +135,41 @@ def test_tabulated_exponential_is_exact_for_an_exponential():
     assert table.cosine(mu) == pytest.approx(maxwell.cosine(mu), rel=1e-12)
     assert table.sine(mu) == pytest.approx(maxwell.sine(mu), rel=1e-12)
     assert table.integral == pytest.approx(0.4 / 0.9, rel=1e-14)
+
+
+def test_first_rates_of_tables_are_continued_to_0_or_refused():
+    rng = np.random.default_rng(7)
+    refused = 0
+    for _ in range(200):
+        t = 10.0 ** rng.uniform(-2, 2) + np.cumsum(10.0 ** rng.uniform(-4, 1, 4))
+        r = 10.0 ** rng.uniform(-3, 0, 4)
+        r[3] = 0.5 * r[2]  # it fades
+        with mpmath.workdps(40):
+            times, values = [mpmath.mpf(x) for x in t], [mpmath.mpf(x) for x in r]
+            falls = [mpmath.log(a / b) for a, b in itertools.pairwise(values)]
+            rates = [
+                fall / (v - u)
+                for fall, (u, v) in zip(falls, itertools.pairwise(times), strict=True)
+            ]
+            start = values[0] * mpmath.exp(rates[0] * times[0])
+            ends = itertools.pairwise([start, *values])
+            whole = sum(
+                (a - b) / rate for (a, b), rate in zip(ends, [rates[0], *rates], strict=True)
+            )
+            whole += values[-1] / rates[-1]
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", vv.StabilityWarning)
+            if not 1e-307 < start < 1e307:
+                refused += 1
+                with pytest.raises(vv.InputError, match="continued to 0"):
+                    vv.TabulatedKernel(times=t, values=r, interpolation="exponential")
+                continue
+            kernel = vv.TabulatedKernel(times=t, values=r, interpolation="exponential")
+        assert kernel.integral == pytest.approx(float(whole), rel=2e-12)
+        assert np.isfinite(kernel.transform([1e-3, 1.0, 1e3])).all()
+    assert 20 < refused < 100
+    steep = vv.TabulatedKernel(times=[0, 1], values=[1e200, 1e-200], interpolation="exponential")
+    assert steep.integral == pytest.approx(1e200 / (400 * math.log(10)), rel=1e-14)
 
 
 def test_tabulated_linear_triangle():

@@ -33,7 +33,7 @@ class TabulatedKernel(Kernel):
     interpolation : {"linear", "exponential"}
         "linear": straight between points, constant before the first, 0 after the last.
         "exponential": log-linear between points (all values > 0), the first and last rates
-        continued outside.
+        continued outside; refused where that leaves the range of numbers before the first.
 
     Warns
     -----
