@@ -18,6 +18,13 @@ module viscovib_event_search
   integer, parameter :: n_parts = 8, n_golden = 40
   real(wp), parameter :: golden = 0.6180339887498949_wp
 
+  !> How far from a known place, as a part of an interval, its slope is looked at.
+  real(wp), parameter :: beside = 1.0e-6_wp
+  !> The part of the change in an interval that may lie there.
+  real(wp), parameter :: smooth = 1.0e-3_wp
+  !> Digits of a signal that differences of large numbers may lose.
+  real(wp), parameter :: most_lost = 1.0e6_wp
+
 contains
 
   !> The signal at places of a step.
@@ -123,9 +130,20 @@ contains
     found = .false.
     low = from
     high = to
-    if (k == 0 .or. k == n_parts) return
-    a = x(k - 1)
-    b = x(k + 1)
+    a = x(max(k - 1, 0))
+    b = x(min(k + 1, n_parts))
+    if (k == 0 .or. k == n_parts) then
+      ! The extremum may lie beside a place that is known; seen from there the signal falls.
+      ! Where it begins or ends on 0, rounding falls.
+      if (k == 0 .and. fresh .or. g(k) <= lost(signal, path)) return
+      at = [a, b] + [beside, -beside]*(b - a)
+      call signal_along(signal, path, at, value)
+      value = side*value
+      i = merge(1, 2, k == 0)
+      if (.not. value(i) < g(k)) return
+      ! What changes as much there as in all of the interval is rounding.
+      if (g(k) - value(i) > smooth*(maxval(g) - g(k))) return
+    end if
     do i = 1, n_golden
       at = [b - golden*(b - a), a + golden*(b - a)]
       call signal_along(signal, path, at, value)
@@ -144,6 +162,33 @@ contains
       end if
     end do
   end subroutine dip
+
+  !> What rounding leaves of a signal in a step, by how much less states differ there than they
+  !! are large.
+  real(wp) function lost(signal, path)
+    class(watched_function), intent(in) :: signal
+    type(step_path), intent(in) :: path
+    real(wp) :: g(size(path%points)), times(size(path%points)), digits
+    integer :: d
+
+    times = path%start + path%h*path%points
+    call signal%at(times, path%q, path%v, g)
+    digits = 1.0_wp
+    do d = 1, size(path%q, 2)
+      digits = max(digits, cancelled(path%q(:, d)), cancelled(path%v(:, d)))
+    end do
+    lost = 8.0_wp*epsilon(1.0_wp)*max(maxval(abs(g)), digits*(maxval(g) - minval(g)))
+  end function lost
+
+  !> How many times as large numbers are as they differ; at most so many times as may matter.
+  pure real(wp) function cancelled(x)
+    real(wp), intent(in) :: x(:)
+    real(wp) :: size_of, change
+    size_of = maxval(abs(x))
+    change = maxval(x) - minval(x)
+    cancelled = 1.0_wp
+    if (size_of > 0.0_wp) cancelled = min(most_lost, size_of/max(change, size_of/most_lost))
+  end function cancelled
 
   !> The place of a change of sign: secants through both ends, that which stays counting half
   !! (Illinois), with bisection where they are slow.

@@ -46,7 +46,7 @@ contains
     integer(i8), intent(inout) :: n_evaluations
     logical, intent(out) :: converged
     real(wp) :: by_q(n_lanes, most_sloped**2, 2), by_v(n_lanes, most_sloped**2, 2)
-    real(wp) :: columns(n_lanes, n_lanes), change, before, left
+    real(wp) :: columns(n_lanes, n_lanes), change, before, left, stiff
     integer :: b, k
     logical :: one, summed
 
@@ -68,7 +68,9 @@ contains
       if (.not. change <= system%range%push) return
       if (k > 2 .and. change > before) then
         ! Where accelerations are what large terms leave, rounding is all that still changes.
-        converged = h_2*change <= lost
+        ! Under stiff forces that of the places is so many times as much.
+        stiff = max(1.0_wp, h_2*maxval(abs(by_q(:, :n**2, :blocks))))
+        converged = h_2*change <= lost*stiff
         return
       end if
       left = max(fine*wanted, fine*change*(change/max(total, change, wanted)))

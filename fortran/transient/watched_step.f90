@@ -157,7 +157,9 @@ contains
       call method%load_memory(at%memory)
       surface%system => system
       surface%which = which
-      call correct(method, system, surface, sign_of(at%sides(which)), at, place, passes)
+      call correct(method, system, surface, sign_of(at%sides(which)), at, place, passes, at%made)
+      ! A step that could not be made says nothing of a passage.
+      if (.not. at%made) return
       if (passes) then
         call pass(at, method, system, watch, wanted, which, place*method%h, more)
         return
@@ -383,7 +385,7 @@ contains
   !> The place of a passage by steps of their own from the start of the part, which have the order
   !! of the method where its polynomial has not: Newton's method from the place by the polynomial,
   !! with its slope, kept between places on either side of the surface.
-  subroutine correct(method, system, signal, side, at, place, passes, q, v)
+  subroutine correct(method, system, signal, side, at, place, passes, made, q, v)
     class(stepper_type), intent(in) :: method
     class(driven_system_type), intent(in) :: system
     class(watched_function), intent(in) :: signal
@@ -391,13 +393,14 @@ contains
     integer, intent(in) :: side
     type(watched_step_type), intent(in) :: at
     real(wp), intent(inout) :: place
-    !> Whether these steps pass the surface too; and the state there.
-    logical, intent(out) :: passes
+    !> Whether these steps pass the surface too, and all of them were made; and the state there.
+    logical, intent(out) :: passes, made
     real(wp), intent(out), optional :: q(:), v(:)
     real(wp) :: here(size(at%q)), rate(size(at%q)), g(1), low, high, next, width
     integer :: i
-    logical :: made
 
+    made = .true.
+    passes = .false.
     low = 0.0_wp
     high = 2.0_wp
     width = 1.0_wp
@@ -407,8 +410,7 @@ contains
       passes = .true.
       if (place*method%h <= 4.0_wp*spacing(at%from)) exit
       call method%look_ahead(system, place*method%h, here, rate, made)
-      passes = made
-      if (.not. made) exit
+      if (.not. made) return
       call signal%at([at%from + place*method%h], reshape(here, [1, size(here)]), &
                      reshape(rate, [1, size(rate)]), g)
       if (side*g(1) < 0.0_wp) then
@@ -459,7 +461,7 @@ contains
     real(wp) :: q(size(at%q)), v(size(at%q)), place, t(1), here(1, size(at%q))
     real(wp) :: rate(1, size(at%q))
     integer :: i
-    logical :: passes
+    logical :: passes, made
 
     if (size(watch%signals) == 0) return
     call watch%look(at%path, sticks, found)
@@ -469,13 +471,15 @@ contains
     do i = 1, size(found)
       associate (which => found(i)%which)
         place = found(i)%place
+        made = .true.
         if (watch%bent(which)) then
           call settle_thin(start, system, watch%signals(which), found(i)%side, at%path, place, q, v)
         else
-          call correct(start, system, watch%signals(which), found(i)%side, at, place, passes, q, v)
+          call correct(start, system, watch%signals(which), found(i)%side, at, place, passes, &
+                       made, q, v)
         end if
-        if (abs(place - found(i)%place) > furthest) then
-          ! That is another passage: the step is too large for so many.
+        if (.not. made .or. abs(place - found(i)%place) > furthest) then
+          ! That is another passage, or none that steps tell: they are too large for so many.
           place = found(i)%place
           call at%path%at([place], t, here, rate)
           q = here(1, :)
