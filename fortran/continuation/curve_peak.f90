@@ -46,28 +46,34 @@ contains
 
   !> Whether the size grows (1), stays (0) or falls (-1) where p grows; 0 too where that
   !! cannot be said.
-  subroutine growth_along(curve, measure, tolerance, x, p, sign_of)
+  subroutine growth_along(curve, measure, tolerance, x, p, sign_of, slope)
     class(curve_type), intent(inout) :: curve
     type(harmonic_measure), intent(in) :: measure
     real(wp), intent(in) :: tolerance, x(:), p
     integer, intent(out) :: sign_of
+    !> dx/dp, shape (n); 0 where that cannot be said.
+    real(wp), intent(out) :: slope(:)
     type(corrector_type) :: corrector
     type(curve_point) :: here
     logical :: made
     real(wp) :: value
 
     sign_of = 0
+    slope = 0.0_wp
     call new_corrector(corrector, curve, tolerance, abs(p), x)
     call stand(curve, corrector, x, p, here, made)
     if (.not. made) return
     value = measure%growth(here)*here%slope_p
     if (value > 0.0_wp) sign_of = 1
     if (value < 0.0_wp) sign_of = -1
+    if (abs(here%slope_p) > tiny(value)**0.5_wp) slope = here%slope_x/here%slope_p
   end subroutine growth_along
 
   !> From a solution (x, p), which is left at the summit if that is found between two values
-  !! of p; else it stays as it was.
-  subroutine climb(curve, measure, tolerance, low, high, x, p, found, cancel)
+  !! of p; else it stays as it was. With `through` the curve is followed until it leaves them,
+  !! since it may have several summits there, and (x, p) is left at the highest.
+  subroutine climb(curve, measure, tolerance, low, high, x, p, found, cancel, through, &
+                   upwards)
     class(curve_type), intent(inout) :: curve
     type(harmonic_measure), intent(in) :: measure
     !> Relative, of the corrections.
@@ -77,14 +83,23 @@ contains
     logical, intent(out) :: found
     !> May be set from elsewhere to give up.
     integer, intent(inout), optional :: cancel
+    !> True on return: it left them where it went, not back where it came from.
+    logical, intent(inout), optional :: through
+    !> Set out to where p grows, even if the size falls there.
+    logical, intent(in), optional :: upwards
     type(corrector_type) :: corrector
     type(curve_point), target :: points(3)
     type(curve_point), pointer :: before, here, next, spare
-    real(wp) :: step, angle, scale
-    logical :: made
+    real(wp) :: step, angle, scale, way, top
+    logical :: made, all_of_it, rising
     integer :: k
 
     found = .false.
+    all_of_it = .false.
+    if (present(through)) then
+      all_of_it = through
+      through = .false.
+    end if
     scale = max(abs(low), abs(high))
     call new_corrector(corrector, curve, tolerance, scale, x)
     before => points(1)
@@ -95,6 +110,11 @@ contains
     call stand(curve, corrector, x, p, here, made)
     if (.not. made) return
     if (measure%growth(here) < 0.0_wp) call reverse(here)
+    if (present(upwards)) then
+      if (upwards .and. here%slope_p < 0.0_wp) call reverse(here)
+    end if
+    way = here%slope_p
+    rising = measure%growth(here) >= 0.0_wp
     step = min(first_step, max(0.25_wp*(high - low)/scale, 1.0e3_wp*smallest_step))
     do k = 1, max_steps
       if (present(cancel)) then
@@ -111,15 +131,24 @@ contains
         if (step < smallest_step) return
         cycle
       end if
-      if (measure%growth(next) <= 0.0_wp) then
+      if (rising .and. measure%growth(next) <= 0.0_wp) then
         call find_summit(curve, corrector, measure, here, step, next, made)
         if (.not. made .or. next%p < low .or. next%p > high) return
-        x = next%x
-        p = next%p
+        if (found) top = measure%size_at(x, p)
+        if (.not. found .or. measure%size_at(next%x, next%p) > top) then
+          x = next%x
+          p = next%p
+        end if
         found = .true.
+        if (.not. all_of_it) return
+        rising = .false.
+      else
+        rising = measure%growth(next) > 0.0_wp
+      end if
+      if (next%p <= low .or. next%p >= high) then
+        if (present(through)) through = merge(next%p >= high, next%p <= low, way > 0.0_wp)
         return
       end if
-      if (next%p <= low .or. next%p >= high) return
       spare => before
       before => here
       here => next

@@ -3,7 +3,9 @@
 !!
 !! A resonance between two samples shows in their slopes: the size grows from the left one,
 !! or towards the right one, more than the other says. From there on the branch of the
-!! sample is climbed; beyond the neighbour it is no longer that of the samples.
+!! sample is climbed, through all summits on the way; beyond the neighbour it is no longer that
+!! of the samples. Slopes that do not lead from one sample to the next hide something: there
+!! the branch is followed too.
 module viscovib_sampled_peak
   use viscovib_curve, only: curve_type
   use viscovib_curve_peak, only: climb, growth_along, harmonic_measure
@@ -30,9 +32,9 @@ contains
     logical, intent(out) :: found
     !> May be set from elsewhere to give up.
     integer, intent(inout), optional :: cancel
-    real(wp) :: sizes(size(p))
+    real(wp) :: sizes(size(p)), slopes(size(x, 1), size(p))
     integer :: trend(size(p)), i, largest
-    logical :: summit
+    logical :: there
 
     sizes = [(measure%size_at(x(:, i), p(i)), i=1, size(p))]
     largest = maxloc(sizes, 1)
@@ -45,32 +47,48 @@ contains
       if (present(cancel)) then
         if (is_set(cancel)) return
       end if
-      call growth_along(curve, measure, tolerance, x(:, i), p(i), trend(i))
+      call growth_along(curve, measure, tolerance, x(:, i), p(i), trend(i), slopes(:, i))
     end do
     do i = 1, size(p) - 1
       if (.not. wide .and. abs(2*(i - largest) + 1) > 1) cycle
       if (present(cancel)) then
         if (is_set(cancel)) return
       end if
-      summit = .false.
+      there = .false.
       ! Where both agree on the way up there is nothing between them.
       if (trend(i) > 0 .and. .not. (trend(i + 1) > 0 .and. sizes(i + 1) >= sizes(i))) then
-        call from_sample(i)
+        call from_sample(i, .false.)
       end if
-      if (summit) cycle
+      if (there) cycle
       if (trend(i + 1) < 0 .and. .not. (trend(i) < 0 .and. sizes(i) >= sizes(i + 1))) then
-        call from_sample(i + 1)
+        call from_sample(i + 1, .false.)
       end if
+      if (there) cycle
+      if (hides(i)) call from_sample(i, .true.)
     end do
 
   contains
 
-    subroutine from_sample(from)
+    !> Whether the secant between two samples is not the mean of their slopes.
+    pure logical function hides(i)
+      integer, intent(in) :: i
+      real(wp) :: secant(size(x, 1)), mean(size(x, 1))
+      secant = x(:, i + 1) - x(:, i)
+      mean = 0.5_wp*(p(i + 1) - p(i))*(slopes(:, i) + slopes(:, i + 1))
+      hides = norm2(secant - mean) > 0.3_wp*norm2(secant)
+    end function hides
+
+    subroutine from_sample(from, upwards)
       integer, intent(in) :: from
+      logical, intent(in) :: upwards
       real(wp) :: at(size(x, 1)), at_p, top
+      logical :: summit
       at = x(:, from)
       at_p = p(from)
-      call climb(curve, measure, tolerance, p(i), p(i + 1), at, at_p, summit, cancel)
+      ! Neighbouring modes may have several summits between two samples.
+      there = .true.
+      call climb(curve, measure, tolerance, p(i), p(i + 1), at, at_p, summit, cancel, there, &
+                 upwards)
       if (.not. summit) return
       top = measure%size_at(at, at_p)
       if (top < best) return

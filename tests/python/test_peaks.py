@@ -106,6 +106,40 @@ def test_coarse_grids_find_the_peak_of_random_systems(method):
         assert peak.nu == pytest.approx(best.x, rel=1e-5)
 
 
+@pytest.mark.parametrize("kind", ["linear", "newton", "structure"])
+def test_close_modes_between_two_frequencies_hide_no_peak(kind):
+    """Light modes closer than the grid is fine, against sums over the modes near each of them."""
+    rng = np.random.default_rng(11)
+    for _ in range(60):
+        n = int(rng.integers(2, 5))
+        modes, shapes = rng.uniform(0.8, 1.4, n), np.linalg.qr(rng.normal(size=(n, n)))[0]
+        ratio = 10 ** rng.uniform(-3, -1.7)
+        stiffness = shapes @ np.diag(modes**2) @ shapes.T
+        damping = shapes @ np.diag(2 * ratio * modes) @ shapes.T
+        load = 1e-4 * rng.normal(size=n)
+
+        def size(nu, q=shapes, w=modes, z=ratio, p=load):
+            nu = np.asarray(nu)[..., np.newaxis]
+            return np.abs(((q[0] * (p @ q)) / (w**2 - nu**2 + 2j * z * w * nu)).sum(axis=-1))
+
+        near = modes[:, np.newaxis] * (1 + ratio * np.linspace(-8, 8, 4001))
+        top = size(near).max()
+        arrays = {
+            "mass": np.ones(n),
+            "stiffness": (stiffness + stiffness.T) / 2,
+            "damping": (damping + damping.T) / 2,
+        }
+        if kind == "structure":
+            system = vv.Structure(**arrays, elements=[vv.Spring(on="x1", law="1e-9*d^3")])
+        else:
+            system = vv.PolynomialSystem(**arrays, forces={"x1": "1e-9*x1^3"})
+        nu = np.linspace(0.3, 2, int(rng.integers(8, 60)))
+        method = "linear" if kind == "linear" else "newton"
+        peak = vv.forced_response(system, nu, load=load, method=method).peak("x1")
+        assert peak.enclosed
+        assert peak.amplitude == pytest.approx(top, rel=1e-4)
+
+
 def test_a_base_that_moves_counts():
     """The absolute motion has its largest size elsewhere than the relative one."""
     system = vv.PolynomialSystem(

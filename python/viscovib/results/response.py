@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -28,6 +28,10 @@ if TYPE_CHECKING:
 
 #: Multiplications up to which a peak is looked for between all frequencies.
 _MAX_SEARCH = 3e9
+#: Times that an interval of frequencies is halved where a linear response has several modes in it.
+_HALVINGS = 24
+#: At a quarter and three quarters, of a parabola by its ends and its middle.
+_PARABOLA = np.array([[3, 6, -1], [-1, 6, 3]]) / 8
 
 
 class Peak(NamedTuple):
@@ -179,8 +183,9 @@ class Response(PeriodicMotions, Result):
     ) -> Peak:
         """Largest amplitude in a band of nu (default: all), solved for.
 
-        Between motions whose slopes tell of a summit, the branch of one is followed to it: the
-        amplitude holds to the tolerance, on coarse grids too. A jump is no summit, and motions
+        Between motions whose slopes tell of a summit, or do not lead from one to the next, the
+        branch of one is followed through all summits on its way: the amplitude holds to the
+        tolerance, on coarse grids too. A jump is no summit, and motions
         beyond it belong to another branch: if the largest amplitude stands there, it is that of a
         motion found, and not ``enclosed``.
         """
@@ -501,12 +506,35 @@ def band_of(band: object) -> tuple[float, float]:
     return low, high
 
 
+def _between_modes(sizes: Callable[[FloatArray], FloatArray], nu: FloatArray) -> FloatArray:
+    """Frequencies and more between them, until no interval holds two modes, as far as is seen.
+
+    Beside one mode 1/size^2 is a parabola, (nu - w)^2 + decay^2, however narrow the resonance;
+    beside an antiresonance size^2 is one. An interval in which neither is one is halved.
+    """
+    found, low, high = [nu], nu[:-1], nu[1:]
+    for _ in range(_HALVINGS):
+        at = low + (high - low) * np.linspace(0, 1, 5)[:, np.newaxis]
+        squares = sizes(at.ravel()).reshape(at.shape) ** 2
+        rough = np.ones(low.size, dtype=bool)
+        with np.errstate(all="ignore"):
+            for form in (squares, 1 / squares):
+                told = _PARABOLA @ form[::2]
+                rough &= (np.abs(told - form[1::2]) > 0.1 * form[1::2]).any(axis=0)
+        if not rough.any():
+            break
+        middle = at[2, rough]
+        found.append(middle)
+        low, high = np.r_[low[rough], middle], np.r_[middle, high[rough]]
+    return np.unique(np.concatenate(found))
+
+
 def _linear_summit(
     response: Response, places: npt.NDArray[np.intp], d: int, j: int
 ) -> tuple[float, float] | None:
     """Of a linear response: each frequency is solved for, so that intervals shrink to a summit."""
     sizes = partial(response._linear_sizes, d, j)
-    nu = response.nu[places]
+    nu = _between_modes(sizes, response.nu[places])
     # Slopes at both ends of each interval tell whether it holds a summit.
     h = 1e-6 * np.diff(nu)
     from_left = sizes(nu[:-1] + h) > sizes(nu[:-1])
