@@ -79,6 +79,11 @@ def rounding_of(states: FloatArray) -> float:
     return 4 * _EPS * float(np.abs(states).max(initial=0.0))
 
 
+#: What a step may lose of a motion by rounding; states within which errors that grow by
+#: themselves are still small.
+_ROUNDING, _FEW = 4 * np.finfo(float).eps, 20
+
+
 def reason(coarse: "Trajectory", fine: "Trajectory", want: Accuracy) -> str:
     """Why halving the step leads nowhere, in a few words."""
     for run in (fine, coarse):
@@ -121,12 +126,27 @@ def reason(coarse: "Trajectory", fine: "Trajectory", want: Accuracy) -> str:
             "a force has a jump or corner on which no step ends, or changes too fast for them: "
             "take a larger tolerance or a smaller dt"
         )
-    if first > 0.05 * t.size and np.median(part[: first // 2 + 1]) < 0.1 * allowed[worst]:
+    steps = fine.t_reached / fine.step
+    lost = _ROUNDING * steps * size
+    if part.max() <= min(lost, 1e-8 * size):
+        return (
+            f"rounding leaves about {part.max():.1e} of a motion as large as {size:.3g} in "
+            f"{steps:.0f} steps: take a larger tolerance or a shorter run"
+        )
+    # In a long run what grows by itself may have grown early, but not within a few steps.
+    alike = min(0.05 * t.size, _FEW)
+    if first > alike and np.median(part[: first // 2 + 1]) < 0.1 * allowed[worst]:
         grown = part[first:].max() / max(float(part[: first // 2 + 1].max()), 1e-300)
         until = float(t[first - 1])
         return (
             f"two runs agree to t = {until:.6g} and differ {grown:.1e} times as much after it: "
             "the motion is chaotic or unstable, take a shorter run or a larger tolerance"
+        )
+    if t.size <= _FEW:
+        # So few states do not tell where errors come from.
+        return (
+            "the fastest motion is not resolved, or the motion is chaotic or unstable: take a "
+            "larger tolerance, a smaller dt or a shorter run"
         )
     return (
         "the fastest motion is not resolved (it is too stiff for this method): take a larger "
