@@ -25,7 +25,7 @@ module viscovib_curve_peak
     real(wp) :: offset(2) = 0.0_wp, offset_by_p(2) = 0.0_wp
   contains
     procedure :: size_at
-    procedure, private :: growth
+    procedure, private :: growth, hides
   end type harmonic_measure
 
 contains
@@ -43,6 +43,18 @@ contains
     growth = sum((point%x(self%place) + self%offset + self%offset_by_p*point%p) &
                  *(point%slope_x(self%place) + self%offset_by_p*point%slope_p))
   end function growth
+
+  !> Whether the harmonic does not go from one point to the next as its slopes say: it may be small
+  !! beside others, and a resonance of its own no turn of the whole curve.
+  pure logical function hides(self, here, next, step)
+    class(harmonic_measure), intent(in) :: self
+    type(curve_point), intent(in) :: here, next
+    real(wp), intent(in) :: step
+    real(wp) :: secant(2), mean(2)
+    secant = next%x(self%place) - here%x(self%place)
+    mean = 0.5_wp*step*(here%slope_x(self%place) + next%slope_x(self%place))
+    hides = norm2(secant - mean) > 0.3_wp*norm2(secant)
+  end function hides
 
   !> Whether the size grows (1), stays (0) or falls (-1) where p grows; 0 too where that
   !! cannot be said.
@@ -125,6 +137,9 @@ contains
       if (made) then
         angle = angle_between(corrector, here, next)
         if (angle > largest_angle) made = .false.
+        if (made .and. all_of_it .and. step > 1.0e-6_wp) then
+          made = .not. measure%hides(here, next, step)
+        end if
       end if
       if (.not. made) then
         step = 0.4_wp*step

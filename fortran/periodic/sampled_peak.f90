@@ -69,13 +69,15 @@ contains
 
   contains
 
-    !> Whether the secant between two samples is not the mean of their slopes.
-    pure logical function hides(i)
-      integer, intent(in) :: i
-      real(wp) :: secant(size(x, 1)), mean(size(x, 1))
-      secant = x(:, i + 1) - x(:, i)
-      mean = 0.5_wp*(p(i + 1) - p(i))*(slopes(:, i) + slopes(:, i + 1))
-      hides = norm2(secant - mean) > 0.3_wp*norm2(secant)
+    !> Whether the secant between two samples is not the mean of their slopes; that of the harmonic
+    !! by itself too, which may be small beside others.
+    pure logical function hides(at)
+      integer, intent(in) :: at
+      real(wp) :: secant(size(x, 1)), off(size(x, 1))
+      secant = x(:, at + 1) - x(:, at)
+      off = secant - 0.5_wp*(p(at + 1) - p(at))*(slopes(:, at) + slopes(:, at + 1))
+      hides = norm2(off) > 0.3_wp*norm2(secant) &
+              .or. norm2(off(measure%place)) > 0.3_wp*norm2(secant(measure%place))
     end function hides
 
     subroutine from_sample(from, upwards)

@@ -140,6 +140,39 @@ def test_close_modes_between_two_frequencies_hide_no_peak(kind):
         assert peak.amplitude == pytest.approx(top, rel=1e-4)
 
 
+@pytest.mark.parametrize("kind", ["response", "branch", "branch of a structure"])
+def test_resonances_of_coordinates_that_hardly_move_are_peaks(kind):
+    """Oscillators in a row, each driven weakly by the one before: steps follow the first."""
+    rng = np.random.default_rng(3)
+    for _ in range(12):
+        n = int(rng.integers(2, 5))
+        modes, ratios = rng.uniform(0.6, 1.6, n), 10 ** rng.uniform(-4, -1.5, n)
+        weak = 10 ** rng.uniform(-3, -1)
+        stiffness = np.diag(modes**2) - weak * (np.eye(n, k=1) + np.eye(n, k=-1))
+        damping = np.diag(2 * ratios * modes)
+        load = 1e-4 * np.eye(n)[0]
+        arrays = {"mass": np.ones(n), "stiffness": stiffness, "damping": damping}
+        if kind == "branch of a structure":
+            system = vv.Structure(**arrays, elements=[vv.Spring(on="x1", law="1e-9*d^3")])
+        else:
+            system = vv.PolynomialSystem(**arrays, forces={"x1": "1e-9*x1^3"})
+        if kind == "response":
+            nu = np.linspace(0.3, 2, 40)
+            found = vv.forced_response(system, nu, load=load, method="newton")
+        else:
+            found = vv.trace_response(system, (0.3, 2), load=load, stability=False)
+        first_order = np.block([[np.zeros((n, n)), np.eye(n)], [-stiffness, -damping]])
+        roots = np.linalg.eigvals(first_order)
+        near = abs(roots.imag)[:, np.newaxis] + roots.real[:, np.newaxis] * np.linspace(-8, 8, 1001)
+        near = np.append(near[(near >= 0.3) & (near <= 2)], [0.3, 2])
+        dynamic = (
+            stiffness - near[:, None, None] ** 2 * np.eye(n) + 1j * near[:, None, None] * damping
+        )
+        sizes = np.abs(np.linalg.inv(dynamic) @ load)
+        for d, name in enumerate(found.dof_names):
+            assert found.peak(name).amplitude == pytest.approx(sizes[:, d].max(), rel=1e-3)
+
+
 def test_a_base_that_moves_counts():
     """The absolute motion has its largest size elsewhere than the relative one."""
     system = vv.PolynomialSystem(

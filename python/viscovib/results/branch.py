@@ -20,6 +20,7 @@ from viscovib.common.tables import Table, listed_units
 from viscovib.errors import InputError
 from viscovib.results.curves import BranchPoint, Crossing, Curve, branch_notes
 from viscovib.results.dissipation import Parts
+from viscovib.results.response import MAX_SEARCH
 from viscovib.results.sampling import add_asked, lost_energy, sampling_errors, told_sampling
 
 if TYPE_CHECKING:
@@ -193,6 +194,22 @@ class Branch(PeriodicMotions, Curve):
             core.mount_peak, cancel, *self._job, self.harmonics[kept], 1, self._tolerance,
             self.parameter[i : i + 1], np.asfortranarray(self.coefficients[i : i + 1][..., kept].T),
             d + 1, j + 1, low, high, 1, cancel,
+        )  # fmt: skip
+        return (at, size) if found else None
+
+    def _summit_between(
+        self, places: npt.NDArray[np.intp], d: int, j: int
+    ) -> tuple[float, float] | None:
+        kept = np.flatnonzero(self.harmonics <= self.highest[places].max())
+        unknowns = 2 * kept.size * len(self.dof_names)
+        if j >= kept.size or places.size * unknowns**3 > MAX_SEARCH:
+            return None
+        along = self.parameter[places]
+        cancel = np.zeros(1, dtype=np.intc)
+        at, size, found = _native.call_interruptibly(
+            core.mount_peak, cancel, *self._job, self.harmonics[kept], 1, self._tolerance, along,
+            np.asfortranarray(self.coefficients[places][..., kept].T), d + 1, j + 1, along[0],
+            along[-1], 1, cancel,
         )  # fmt: skip
         return (at, size) if found else None
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import warnings
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -207,6 +208,8 @@ class Curve(Result):
     ) -> Peak:
         """Largest amplitude, overhanging parts included, solved for between the points.
 
+        What is small in the motion may have a resonance of its own between two points, which is
+        found where the slopes at both tell of it (of a structure along frequencies).
         ``band`` limits the search to values of `parameter`. Not `enclosed` at an end of the
         branch or of the band.
         """
@@ -218,7 +221,12 @@ class Curve(Result):
         i = int(np.where(inside, amplitude, -np.inf).argmax())
         ends = max(low, self.parameter.min()), min(high, self.parameter.max())
         place = float(self.parameter[i]), float(amplitude[i])
-        summit = self._summit(i, *self._place(dof, harmonic), *ends) if ends[0] < ends[1] else None
+        summit = None
+        if ends[0] < ends[1]:
+            d, j = self._place(dof, harmonic)
+            found = [self._summit(i, d, j, *ends)]
+            found += [self._summit_between(way, d, j) for way in one_way(self.parameter, inside)]
+            summit = max((s for s in found if s), key=lambda s: s[1], default=None)
         if summit is None or summit[1] < place[1] * (1 - 1e-9):
             return Peak(*place, False)
         return Peak(*summit, True)
@@ -228,6 +236,25 @@ class Curve(Result):
     ) -> tuple[float, float] | None:
         """Where the branch leads up to from its i-th point, if that is within bounds."""
         raise NotImplementedError
+
+    def _summit_between(
+        self, places: npt.NDArray[np.intp], d: int, j: int
+    ) -> tuple[float, float] | None:
+        """Largest summit between points in ascending order of the parameter, if one is found.
+
+        Steps follow the whole motion: what is small in it may have a resonance between two.
+        """
+        return None
+
+
+def one_way(parameter: FloatArray, inside: npt.NDArray[np.bool_]) -> Iterator[npt.NDArray[np.intp]]:
+    """Places of the parts along which the parameter rises or falls, ascending, 2 points or more."""
+    ways = np.sign(np.diff(parameter)) * (inside[1:] & inside[:-1])
+    ends = np.flatnonzero(np.diff(ways)) + 1
+    for part in np.split(np.arange(ways.size), ends):
+        if part.size and ways[part[0]] != 0:
+            places = np.append(part, part[-1] + 1)
+            yield places if ways[part[0]] > 0 else places[::-1]
 
 
 def branch_notes(branch: Any) -> list[str]:

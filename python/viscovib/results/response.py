@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     import xarray as xr
 
 #: Multiplications up to which a peak is looked for between all frequencies.
-_MAX_SEARCH = 3e9
+MAX_SEARCH = 3e9
 #: Times that an interval of frequencies is halved where a linear response has several modes in it.
 _HALVINGS = 24
 #: At a quarter and three quarters, of a parabola by its ends and its middle.
@@ -222,7 +222,7 @@ class Response(PeriodicMotions, Result):
             core.mount_peak, cancel, *self._job, 1, np.zeros(len(self._job[0])), self.nu[places[0]],
             self.harmonics[kept], 0, self._tolerance, self.nu[places],
             np.asfortranarray(self.coefficients[places][:, :, kept].T), d + 1, j + 1, 0.0, 0.0,
-            int(places.size * unknowns**3 < _MAX_SEARCH), cancel,
+            int(places.size * unknowns**3 < MAX_SEARCH), cancel,
         )  # fmt: skip
         return (at, size) if found else None
 

@@ -15,7 +15,7 @@ from viscovib._native import ComplexArray, FloatArray, core
 from viscovib.errors import ConvergenceWarning, InputError, caller
 from viscovib.results.branch import Branch
 from viscovib.results.dissipation import dissipated
-from viscovib.results.response import Response
+from viscovib.results.response import MAX_SEARCH, Response
 from viscovib.results.structure_view import View
 from viscovib.systems.condensed import LoadedStructure
 from viscovib.systems.polynomial_system import PolynomialSystem
@@ -223,6 +223,22 @@ class StructureBranch(_OfStructure, Branch):
             core.mount_peak, cancel, *job, parameter, direction, nu, self.harmonics[kept], 1,
             self._tolerance, self.parameter[places], np.asfortranarray(motions.T), row + 1, j + 1,
             low, high, 1, cancel,
+        )  # fmt: skip
+        return (at, size) if found else None
+
+    def _summit_between(self, places: Any, d: int, j: int) -> tuple[float, float] | None:
+        kept = np.flatnonzero(self.harmonics <= self.highest[places].max())
+        if j >= kept.size or self.varies != "nu":
+            return None
+        watched, motions, row = _watched(self, d, places, kept, float(self.load_factor[0]))
+        if places.size * motions[0].size ** 3 * 8 > MAX_SEARCH:
+            return None
+        along = self.parameter[places]
+        cancel = np.zeros(1, dtype=np.intc)
+        at, size, found = _native.call_interruptibly(
+            core.mount_peak, cancel, *watched.job, self._job[-3], np.zeros(watched.job[0].size),
+            self._job[-1], self.harmonics[kept], 1, self._tolerance, along,
+            np.asfortranarray(motions.T), row + 1, j + 1, along[0], along[-1], 1, cancel,
         )  # fmt: skip
         return (at, size) if found else None
 
