@@ -159,5 +159,8 @@ def test_plans_of_motions_in_time_tell_it(options):
         (vv.Structure(**stop, elements=[vv.Spring(on="x1", law="0.5*exp(d)")]), 0.5),
     ):
         assert told.format(force) in str(vv.simulate(system, 3, **options).plan).splitlines()
+        many = vv.simulate_ensemble(system, initial=[0, 0], t_end=3, **options)
+        assert told.format(force) in str(many.plan).splitlines()
     plain = vv.PolynomialSystem(**one, forces="x^3 + 0.3*tanh(x)")
     assert "preload" not in str(vv.simulate(plain, 3, **options).plan)
+    assert "preload" not in str(vv.simulate_ensemble(plain, initial=[0, 0], t_end=3).plan)

@@ -27,6 +27,7 @@ from viscovib.common.progress import progress_bar
 from viscovib.errors import InputError
 from viscovib.results.ensemble import Ensemble
 from viscovib.results.trajectory import OUTCOMES
+from viscovib.systems.law_ends import force_at_rest
 from viscovib.systems.load import LoadLike
 from viscovib.systems.mount import Mount
 from viscovib.systems.pendulum import Pendulum
@@ -207,13 +208,19 @@ def simulate_ensemble(
         method=members.method_name,
         parameters=members.varied,
         system=members.system,
-        plan=_plan(job, n, wanted if _native.is_auto(dt) else None, points is not None),
+        plan=_plan(
+            job,
+            n,
+            wanted if _native.is_auto(dt) else None,
+            points is not None,
+            force_at_rest(system),
+        ),
         section_times=times,
         _names=members.dof_names,
     )
 
 
-def _plan(job: _Job, n_steps: int, sought: Accuracy | None, sections: bool) -> Plan:
+def _plan(job: _Job, n_steps: int, sought: Accuracy | None, sections: bool, preload: float) -> Plan:
     n = job.members.n
     how = f"{_LANES} side by side" if job.members.side_by_side else "one after another"
     lines = [f"computes: {things(n, 'motion')} of {things(n_steps, 'step')}, {how}"]
@@ -222,6 +229,11 @@ def _plan(job: _Job, n_steps: int, sought: Accuracy | None, sections: bool) -> P
     else:
         lines.append(
             f"computes: the step, halved until the last states change by at most {sought.text}"
+        )
+    if preload > 0:
+        lines.append(
+            "computes: the static preload of laws that are not 0 at rest (up to "
+            f"{float(f'{preload:.6g}'):g})"
         )
     lines.append("skips: storing states on the way (an ensemble keeps what is gathered)")
     given = (

@@ -76,6 +76,16 @@ def told_edges(system: object) -> str:
     return "".join(told[:_MOST_TOLD])
 
 
+def force_at_rest(system: object) -> float:
+    """Return the largest force that a law of a system has at rest: its static preload."""
+    values = (
+        float(abs(law(np.zeros((1, len(law.arguments))))[0][0]))
+        for law in laws_of(system)
+        if not law.state
+    )
+    return max(values, default=0.0)
+
+
 def _read(law: Law, there: FloatArray) -> dict[str, float]:
     """What a law reads at a place, its rates left out."""
     n_positions = len(law.arguments) - law.n_rates
