@@ -48,6 +48,8 @@ module viscovib_cycle_terms
     integer :: law = 0
     logical, private :: sampled = .false.
     type(law_program), allocatable, private :: signals(:)
+    !> The numbers of the law whose signals these are: along a curve over one of them they change.
+    real(wp), allocatable, private :: numbers(:)
     !> What was sampled last, and where to begin at the next motion.
     integer, private :: level = 1, next_level = 1
     type(sample_level), allocatable, private :: levels(:)
@@ -72,7 +74,7 @@ contains
     type(harmonic_set_type), intent(in) :: set
     type(cycle_term), allocatable, intent(out) :: cycles(:)
     integer, allocatable :: places(:)
-    integer :: i, none(0)
+    integer :: i
 
     allocate (places(0))
     select type (system)
@@ -81,15 +83,29 @@ contains
       allocate (cycles(size(places)))
       do i = 1, size(places)
         cycles(i)%law = places(i)
-        associate (law => system%laws(places(i)))
-          if (law%state == 0) call find_signals(law%program, none, cycles(i)%signals)
-        end associate
+        call renew_signals(cycles(i), system%laws(places(i)))
         allocate (cycles(i)%levels(most_levels), cycles(i)%tables(most_levels))
         cycles(i)%levels(1)%n = set%n_samples
       end do
     end select
     if (.not. allocated(cycles)) allocate (cycles(0))
   end subroutine cycles_of
+
+  !> Where a law switches, if its numbers are not those of the last time.
+  subroutine renew_signals(one, law)
+    type(cycle_term), intent(inout) :: one
+    type(law_term), intent(in) :: law
+    integer :: none(0)
+
+    if (law%state > 0) return
+    if (allocated(one%numbers)) then
+      if (size(one%numbers) == size(law%program%number)) then
+        if (.not. any(abs(one%numbers - law%program%number) > 0.0_wp)) return
+      end if
+    end if
+    one%numbers = law%program%number
+    call find_signals(law%program, none, one%signals)
+  end subroutine renew_signals
 
   !> Make a level ready: its tables, and waves of the highest harmonics that its samples know.
   subroutine prepare_level(level, tables, at, set)
@@ -191,6 +207,7 @@ contains
     do i = 1, size(cycles)
       law => law_of(cycles(i), system)
       cycles(i)%known = .false.
+      call renew_signals(cycles(i), law)
       call take_motion(cycles(i), law, mu, x)
       if (law%state > 0) then
         call run_element(cycles(i), law, set, own)

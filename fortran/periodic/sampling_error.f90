@@ -3,7 +3,9 @@
 !! Harmonics of a force come from samples at which orders above N/2 alias onto those kept, or from
 !! integrals between places where it switches, which samples find. With four times the samples the
 !! same orders have a residual R(x) at a solution x, which by the derivatives J of the equations
-!! solved moves it by -J^-1 R(x). Polynomial forces have samples enough, and no such error.
+!! solved moves it by -J^-1 R(x). A solution may have been found with as many samples as that, which
+!! then see nothing: four times as many are taken until what they see changes little. Polynomial
+!! forces have samples enough, and no such error.
 module viscovib_sampling_error
   use viscovib_dense, only: factorize, solve
   use viscovib_harmonic_balance, only: balance_type, new_balance
@@ -17,17 +19,21 @@ module viscovib_sampling_error
 
   public :: sampling_judge
 
-  !> Samples of the finer balance for each of the other.
-  integer, parameter :: finer = 4
+  !> Samples of a finer balance for each of the one before, and how many of those there are; samples
+  !! of those after the second at most.
+  integer, parameter :: finer = 4, n_finer = 4, most_samples = 32768
   !> What samples that are four times as many lack themselves, and how uncertain J is.
   real(wp), parameter :: safety = 2.0_wp
+  !> What is seen may differ by this part of itself from what fewer samples see; and what may be
+  !! rounding.
+  real(wp), parameter :: settled = 0.25_wp, rounding = 1.0e-13_wp
 
   !> Balances of some orders, which are kept for the next motion.
   type :: sampling_judge
     private
-    integer :: highest = 0, n_samples = 0
+    integer :: highest = 0, n_samples = 0, n_made = 0
     logical :: half_wave = .false.
-    type(balance_type) :: own, fine
+    type(balance_type) :: own, fine(n_finer)
   contains
     procedure :: error_of
     procedure :: forget
@@ -53,10 +59,10 @@ contains
     !> Harmonics relative to the base, shape (2 n_orders, n_dof).
     real(wp), intent(in) :: x(:, :)
     real(wp), intent(out) :: error
-    real(wp), dimension(size(x, 1), size(x, 2)) :: r, s
-    real(wp) :: jacobian(size(x), size(x)), norm
+    real(wp), dimension(size(x, 1), size(x, 2)) :: moved, before
+    real(wp) :: jacobian(size(x), size(x)), norm, change
     type(harmonic_set_type) :: set
-    integer :: pivots(size(x)), highest
+    integer :: pivots(size(x)), highest, i
     logical :: singular
 
     error = 0.0_wp
@@ -71,36 +77,55 @@ contains
       self%half_wave = half_wave
       self%n_samples = 0
     end if
-    call see(self%own, r)
+    call set_up(self%own, system, load, nu, factor)
+    call self%own%residual(system, x, before)
     call self%own%derivatives(system, jacobian)
     call factorize(size(x), jacobian, pivots, singular)
     error = -1.0_wp
     if (singular) return
+    call solve(size(x), jacobian, pivots, before)
     if (self%own%samples_taken() /= self%n_samples) then
       self%n_samples = self%own%samples_taken()
-      call new_harmonic_set(set, highest, half_wave, &
-                            finer*max(samples_of_laws, &
-                                      nint(real(self%n_samples, wp)/max(highest, 1))) - 1)
-      call new_balance(self%fine, system, set)
+      self%n_made = 0
     end if
-    call see(self%fine, s)
-    ! What the samples differ by; or, where the motion was found with more of them, what it lacks.
-    r = s - r
-    call solve(size(x), jacobian, pivots, r)
-    call solve(size(x), jacobian, pivots, s)
-    error = min(1.0_wp, safety*min(weighted_norm(system, r), weighted_norm(system, s))/norm)
-
-  contains
-
-    !> The residual by a balance.
-    subroutine see(balance, residual)
-      type(balance_type), intent(inout) :: balance
-      real(wp), intent(out) :: residual(:, :)
-      call balance%set_frequency(system, load, nu)
-      balance%load_factor = factor
-      call balance%residual(system, x, residual)
-    end subroutine see
-
+    do i = 1, n_finer
+      if (i > 2 .and. self%n_samples*finer**i > most_samples) exit
+      if (i > self%n_made) call make_finer(self, system, i)
+      call set_up(self%fine(i), system, load, nu, factor)
+      call self%fine(i)%residual(system, x, moved)
+      call solve(size(x), jacobian, pivots, moved)
+      error = weighted_norm(system, moved)/norm
+      change = weighted_norm(system, moved - before)/norm
+      ! By chance an error is smaller than that of many more samples: so two of these must agree.
+      if (change <= max(merge(settled*error, 0.0_wp, i > 1), rounding)) exit
+      error = max(error, change)
+      before = moved
+    end do
+    error = min(1.0_wp, safety*error)
   end subroutine error_of
+
+  !> Balance i of those with more samples.
+  subroutine make_finer(self, system, i)
+    type(sampling_judge), intent(inout) :: self
+    class(oscillator_type), intent(in) :: system
+    integer, intent(in) :: i
+    type(harmonic_set_type) :: set
+    integer :: own
+
+    own = max(samples_of_laws, nint(real(self%n_samples, wp)/max(self%highest, 1)))
+    call new_harmonic_set(set, self%highest, self%half_wave, finer**i*own - 1)
+    call new_balance(self%fine(i), system, set)
+    self%n_made = i
+  end subroutine make_finer
+
+  !> A balance at a frequency, with a factor of the load.
+  subroutine set_up(balance, system, load, nu, factor)
+    type(balance_type), intent(inout) :: balance
+    class(oscillator_type), intent(in) :: system
+    type(load_type), intent(in) :: load
+    real(wp), intent(in) :: nu, factor
+    call balance%set_frequency(system, load, nu)
+    balance%load_factor = factor
+  end subroutine set_up
 
 end module viscovib_sampling_error

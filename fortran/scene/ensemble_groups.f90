@@ -61,6 +61,9 @@ contains
     if (reader%status%failed()) return
     if (job%dt < 0.0_wp) then
       call reader%complain('dt', 'dt = '//show(job%dt)//': must be greater than 0')
+    else if (job%sections == 0 .and. job%dt > job%t_end) then
+      call reader%complain('dt', 'dt = '//show(job%dt)//': must not exceed t_end = ' &
+                           //show(job%t_end))
     end if
     if (job%tolerance < least_tolerance .or. job%tolerance > 1.0_wp) then
       call reader%complain('tolerance', 'tolerance = '//show(job%tolerance)//': must be ' &

@@ -64,6 +64,7 @@ TYPOS = {
             ("initial=0 0 0 0", "initial=0 0", "initial has 2 values: must be 4"),
             ("t_end=3", "t_end=-1", "t_end = -1: must be greater than 0"),
             ("t_end=3", "t_end=3 discard=9", "discard = 9: must not be negative"),
+            ("t_end=3", "t_end=3 dt=4", "dt = 4: must not exceed t_end = 3"),
             ("t_end=3", "t_end=3 sections=1", "&ensemble lacks n_periods"),
             ("nu=1.2", "", "&ensemble lacks nu"),
         ]

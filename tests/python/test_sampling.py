@@ -169,3 +169,72 @@ def test_branches_over_a_parameter():
     )
     # Integrated from one switch to the next, which stand elsewhere at each point.
     assert (branch.sampling < 1e-12).all()
+
+
+@pytest.mark.filterwarnings("ignore::viscovib.ConvergenceWarning")
+@pytest.mark.parametrize(
+    "text", ["k*max(x - p, 0)", "k*where(x > p, x_dot, 0)", "0.3*k*abs(x + p)"]
+)
+def test_branches_over_the_place_where_a_law_switches(text):
+    """Each point is a motion of the law at its own value: one response of that value finds it."""
+    draw = np.random.default_rng(len(text))
+    for _ in range(4):
+        k, nu = draw.uniform(0.1, 2), draw.uniform(0.6, 1.4)
+        system = vv.PolynomialSystem(
+            mass=1, stiffness=1, damping=0.2, forces=text, parameters={"k": k, "p": 0.1}
+        )
+        branch = vv.trace_response(
+            system, nu=nu, load=0.5, vary="p", vary_range=tuple(draw.uniform(0.05, 0.4, 2)),
+            harmonics=7, stability=False,
+        )  # fmt: skip
+        for i in (1, len(branch.parameter) // 2, -1):
+            p = float(branch.parameter[i])
+            one = vv.PolynomialSystem(
+                mass=1, stiffness=1, damping=0.2, forces=text, parameters={"k": k, "p": p}
+            )
+            r = vv.forced_response(
+                one, [nu], load=0.5, harmonics=7, method="newton", tolerance=1e-13
+            )
+            size = np.abs(r.coefficients).max()
+            assert np.abs(r.coefficients[0] - branch.coefficients[i]).max() <= 1e-10 * size
+
+
+@pytest.mark.filterwarnings("ignore::viscovib.ConvergenceWarning")
+def test_a_motion_found_with_as_many_samples_as_judge_it():
+    """What is told covers what 65 536 samples see of powers, however the motion was found."""
+    draw, count = np.random.default_rng(5), 0
+    for _ in range(60):
+        steep, power, nu = draw.uniform(0.05, 1), draw.uniform(0.5, 1.5), draw.uniform(0.5, 2)
+        a, c = draw.uniform(0.02, 0.3, 2).tolist()
+        system = vv.PolynomialSystem(
+            mass=1, stiffness=1, damping=0.1,
+            forces=f"{a!r}*tanh(x_dot/{steep!r}) + {c!r}*pow(x^2, {power!r})*x",
+        )  # fmt: skip
+        r = vv.forced_response(system, [nu], load=0.6, method="newton", harmonics=8)
+        if not r.converged[0]:
+            continue
+        k, x = r.harmonics, r.coefficients[0, 0]
+        theta = 2 * np.pi * (np.arange(2**16) + 0.5) / 2**16
+        waves = np.exp(1j * np.outer(theta, k))
+        u, v = (waves @ x).imag, (waves @ (1j * k * nu * x)).imag
+        force = a * np.tanh(v / steep) + c * np.abs(u) ** (2 * power) * u
+        left = (1 - (k * nu) ** 2 + 0.1j * k * nu) * x + 2j * np.mean(
+            force[:, None] * waves.conj(), axis=0
+        )
+        left[k == 1] -= 0.6
+        slope = c * (2 * power + 1) * np.abs(u) ** (2 * power)
+        rate = a / steep / np.cosh(v / steep) ** 2
+        columns = []
+        for e in (*np.eye(k.size), *(1j * np.eye(k.size))):
+            moved = slope * (waves @ e).imag + rate * (waves @ (1j * k * nu * e)).imag
+            one = (1 - (k * nu) ** 2 + 0.1j * k * nu) * e + 2j * np.mean(
+                moved[:, None] * waves.conj(), axis=0
+            )
+            columns.append([*one.real, *one.imag])
+        step = np.linalg.solve(np.array(columns).T, [*left.real, *left.imag])
+        size = np.abs(x.real) + np.abs(x.imag)
+        true = (np.abs(step[: k.size]) + np.abs(step[k.size :])).max() / size.max()
+        # Of powers near 0.5 these samples see no more than this.
+        assert true <= r.sampling[0] + 1e-11
+        count += 1
+    assert count > 50

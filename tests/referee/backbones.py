@@ -49,7 +49,9 @@ coefficients, orders = curve.coefficients, curve.harmonics
         yield Claim("start", names["start"], own, 1e-14 * np.abs(own).max())
         n = len(names["nu"])
         i = n - 1 if ended == "returned" else int(draw.integers(n))
-        yield _periodic(model, names, i)
+        # A motion of far too few orders, which is told, may be anywhere.
+        if names["truncation"][i] < 0.01:
+            yield _periodic(model, names, i)
         if index % 4 == 0:
             linear = np.sqrt(np.linalg.eigvals(np.linalg.solve(model.mass, model.stiffness)).real)
             nearest = np.sort(linear)[mode]
