@@ -108,6 +108,11 @@ def reason(coarse: "Trajectory", fine: "Trajectory", want: Accuracy) -> str:
             f"{allowed[worst] / size:.1e} of that, too near to rounding: give rtol"
         )
     bad = np.flatnonzero(part > allowed[worst])
+    if not bad.size:
+        return (
+            "two runs differ on the way and end alike by chance, as motions that pass through "
+            "chaos do: take a shorter run, or look at all states"
+        )
     first = int(bad[0])
     t = fine.t
     # What grows by itself does so over many steps; a corner makes an error within one.

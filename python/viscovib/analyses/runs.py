@@ -223,6 +223,9 @@ class Run(ABC):
         self.watch: Watch | None = None
         #: States kept of a step by its polynomial, if more than that at its end are.
         self.kept_of_step = 1
+        #: Steps between looks at what is not kept, 0: none; states there.
+        self.look_every = 0
+        self.looks: list[FloatArray] = []
 
     def on(self, mesh: Mesh) -> Run:
         """The same run in the steps of a mesh."""
@@ -377,6 +380,9 @@ class Run(ABC):
     ) -> int:
         """Make n steps in pieces; return how they ended."""
         piece = self.piece if self.watch is None else min(self.piece, _WATCHED)
+        looking = self.look_every and (want.keep == "last" or want.times is not None)
+        if looking:
+            piece = min(piece, self.look_every)
         piece = max(piece // want.every, 1) * want.every
         left, ended = n, 0
         while left and not ended:
@@ -398,6 +404,8 @@ class Run(ABC):
             self.anew = False
             self.done += part.made
             self.reached = part.reached if ended else self.time
+            if looking:
+                self.looks.append(self.state)
             counts[self.counts] += part.counted
             if want.times is not None:
                 states.append(part.at_times.T[: part.n_reached])

@@ -15,6 +15,7 @@ import numpy as np
 from viscovib._native import FloatArray
 from viscovib.analyses.accuracy import Accuracy, most_states, parts_for_peaks, reason, rounding_of
 from viscovib.analyses.runs import LOCATED, NotMetError, difference, hopeless, told_in_one_way
+from viscovib.bodies.turning import told_like
 from viscovib.common.plan import Plan
 from viscovib.results.trajectory import Trajectory
 
@@ -37,6 +38,8 @@ _GAIN = 64.0
 _STATES_AT_STOP, _MOST_PARTS = 100, 64
 #: Halvings of the step by which these states are made exact, before they are given up.
 _HALVINGS_AT_STOP = 6
+#: Runs of one motion differ by a smaller part of it anywhere.
+_ONE_MOTION = 1e-6
 #: What a run keeps of each time.
 _KEPT = ("t", "state", "deflections", "rates")
 
@@ -83,7 +86,9 @@ def by_tolerance(
         ends, ends_before = _every(fine, parts), _every(coarse, held)
         change = difference(ends_before, ends)
         if "completed" == coarse.outcome == fine.outcome:
-            if agree(ends_before, ends, want):
+            parted = _parted(coarse, fine, want)
+            change = max(change, parted)
+            if not parted and agree(ends_before, ends, want):
                 if _too_long(fine):
                     factor = _seeing(fine, factor, n, want)
                     before, coarse, held = ends_before, make(factor, parts), parts
@@ -132,6 +137,21 @@ def by_tolerance(
         f"{want}: not met with {n * factor} steps (states still change by {changes[-1]:.1e}): "
         f"{reason(told_in_one_way(before, ends), ends, want)}"
     )
+
+
+def _parted(coarse: Trajectory, fine: Trajectory, want: Accuracy) -> float:
+    """By how much two runs differ on the way, where that tells that they are not one, else 0.
+
+    Motions that part, as those that pass through chaos do, may end alike by chance.
+    """
+    looks = [np.array(run._resume.looks) for run in (coarse, fine) if run._resume is not None]
+    if len(looks) < 2 or not looks[0].size or looks[0].shape != looks[1].shape:
+        return 0.0
+    if getattr(fine.system, "_winds", False):
+        looks[0] = told_like(looks[0], looks[1])
+    off = np.abs(looks[1] - looks[0]).max(axis=0)
+    one = np.maximum(want.allowed(looks[1]), _ONE_MOTION * np.abs(looks[1]).max(axis=0))
+    return float(off.max()) if (off > one).any() else 0.0
 
 
 def _too_long(run: Trajectory, most: float = 1.0) -> bool:

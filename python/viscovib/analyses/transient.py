@@ -353,6 +353,10 @@ def runs_of(
     return make, motion.first_steps(), 2 if motion.remembers else 1
 
 
+#: Looks on the way at runs that keep a part of it alone, and steps between two at least.
+_LOOKS, _BETWEEN = 24, 16
+
+
 @dataclass(frozen=True)
 class _Steps:
     """Runs in more and more steps, equal ones or such that end on corners of the loads."""
@@ -370,18 +374,27 @@ class _Steps:
             self.breaks, self.end, self.end / n, self.at_first, self.want, equal=equal
         )
 
+        looks = 0
+        # Where all is kept nothing has to be looked at on the way.
+        if equal is None and (self.want.keep != "all" or self.want.times is not None):
+            looks = max(_BETWEEN, (n if mesh is None else mesh.count) // _LOOKS)
+
         def run(factor: int, parts: int) -> Trajectory:
             if mesh is not None:
                 finer, kept = mesh.finer(factor), on_mesh
                 if parts > 1:
                     kept = self.want.at(mesh.all_times(parts))
-                return self.make(finer.h).on(finer).steps(finer.count, kept, self.progress)
+                made = self.make(finer.h).on(finer)
+                made.look_every = looks * factor
+                return made.steps(finer.count, kept, self.progress)
             steps = n * factor
             if parts > factor:
                 kept = self.want.at(np.linspace(0.0, self.end, n * parts + 1))
             else:
                 kept = self.want.finer(factor // parts)
-            return self.make(self.end / steps).steps(steps, kept, self.progress)
+            made = self.make(self.end / steps)
+            made.look_every = looks * factor
+            return made.steps(steps, kept, self.progress)
 
         return run
 
