@@ -50,7 +50,7 @@ contains
     type(passage_type), allocatable :: found(:)
     integer :: i
 
-    if (size(watch%signals) == 0) return
+    if (watch%is_idle()) return
     if (.not. allocated(watch%path)) call prepare(watch, size(u))
     path = watch%path
     largest = watch%largest
@@ -62,6 +62,7 @@ contains
         width = 0.5_wp*width
         call sample()
       end do
+      call watch%extremes%take(path)
       call watch%look(path, .false., found)
       do i = 1, size(found)
         place = begin + width*found(i)%place
@@ -231,6 +232,11 @@ contains
     integer :: k
 
     follows = .true.
+    if (watch%extremes%wanted) then
+      do k = 1, 2*size(path%q, 2)
+        if (.not. is_followed(watch, k, path)) follows = .false.
+      end do
+    end if
     do k = 1, size(watch%signals)
       if (watch%bent(k)) then
         if (.not. arguments_follow(watch, k, path)) follows = .false.
@@ -252,28 +258,36 @@ contains
     type(watch_type), intent(inout) :: watch
     integer, intent(in) :: which
     type(step_path), intent(in) :: path
-    real(wp) :: values(n_nodes + 2)
     integer :: i, k
 
     follow = .true.
-    associate (law => watch%signals(which)%program, n => size(path%q, 2))
-      if (.not. allocated(watch%scales)) allocate (watch%scales(2*n), source=0.0_wp)
+    associate (law => watch%signals(which)%program)
       do i = 1, size(law%code)
         if (law%code(i) /= put_argument) cycle
         k = nint(law%number(i))
-        if (k > 2*n) cycle
-        if (modulo(k, 2) == 1) then
-          values = path%q(:, (k + 1)/2)
-        else
-          values = path%v(:, k/2)
-        end if
-        watch%scales(k) = max(watch%scales(k), maxval(abs(values)))
-        if (sum(abs(matmul(values(2:n_nodes + 1), watch%last))) > resolved*watch%scales(k)) then
-          follow = .false.
-        end if
+        if (k > 2*size(path%q, 2)) cycle
+        if (.not. is_followed(watch, k, path)) follow = .false.
       end do
     end associate
   end function arguments_follow
+
+  !> Whether the interpolant of a part tells a coordinate or a velocity.
+  logical function is_followed(watch, k, path)
+    type(watch_type), intent(inout) :: watch
+    !> Its place in the state.
+    integer, intent(in) :: k
+    type(step_path), intent(in) :: path
+    real(wp) :: values(n_nodes + 2)
+
+    if (.not. allocated(watch%scales)) allocate (watch%scales(2*size(path%q, 2)), source=0.0_wp)
+    if (modulo(k, 2) == 1) then
+      values = path%q(:, (k + 1)/2)
+    else
+      values = path%v(:, k/2)
+    end if
+    watch%scales(k) = max(watch%scales(k), maxval(abs(values)))
+    is_followed = sum(abs(matmul(values(2:n_nodes + 1), watch%last))) <= resolved*watch%scales(k)
+  end function is_followed
 
   !> Nodes of a part, and what makes of a signal there its last two coefficients.
   subroutine coefficients_of_nodes(nodes, last)

@@ -38,7 +38,7 @@ contains
     type(note_taker) :: notes
     type(stop_type) :: again
 
-    if (size(watch%signals) == 0 .and. .not. wanted%within(start, h)) return
+    if (watch%is_idle() .and. .not. wanted%within(start, h)) return
     notes%watch => watch
     notes%wanted => wanted
     call find_stop(system, size(q), 1, spread(system%drives, 1, n_lanes), q, v, start, h, again, &
@@ -59,6 +59,7 @@ contains
     integer :: i
 
     if (self%ended) return
+    call self%watch%extremes%take(path)
     call self%watch%look(path, .false., found)
     until = path%start + path%h
     do i = 1, size(found)

@@ -2,6 +2,7 @@
 module viscovib_watch
   use viscovib_all_passages, only: is_bent, passage_search
   use viscovib_event_search, only: first_passage, signal_along
+  use viscovib_extremes, only: extremes_type
   use viscovib_kinds, only: wp
   use viscovib_law_branches, only: signal_type
   use viscovib_law_functions, only: bounded, put_argument, wall
@@ -50,11 +51,14 @@ module viscovib_watch
     logical, allocatable :: bent(:)
     integer, allocatable :: lost(:)
     type(passage_search) :: search
+    !> Peaks and means along the motion, if they are asked for.
+    type(extremes_type) :: extremes
     !> What was found: signal and time, and states, shapes (n) and (2 n_dof, n).
     integer :: n_found = 0
     integer, allocatable :: which(:)
     real(wp), allocatable :: times(:), states(:, :)
   contains
+    procedure :: is_idle
     procedure :: look
     procedure, private :: look_everywhere
     procedure :: count_of
@@ -67,7 +71,8 @@ module viscovib_watch
 contains
 
   !> From numbers: how many; of each, direction, 1 if terminal, how many instructions, and code
-  !! and number of each, arguments being the state (q_1, v_1, q_2, ...) and the time.
+  !! and number of each, arguments being the state (q_1, v_1, q_2, ...) and the time; then, if
+  !! anything, a time: peaks and means of all coordinates are wanted from then on.
   subroutine new_watch(watch, vector, sides, n_dof)
     type(watch_type), intent(out) :: watch
     real(wp), intent(in) :: vector(:)
@@ -82,7 +87,15 @@ contains
     n = 0
     if (size(vector) > 0) n = nint(vector(1))
     numbers = vector
-    if (present(n_dof) .and. n > 0) then
+    k = 1
+    do i = 1, n
+      k = k + 3 + 2*nint(vector(k + 3))
+    end do
+    watch%extremes%wanted = size(vector) > k
+    if (size(vector) > k) watch%extremes%from = vector(k + 1)
+    if (present(n_dof) .and. watch%extremes%wanted) then
+      watch%reads = [(i, i=1, n_dof)]
+    else if (present(n_dof) .and. n > 0) then
       watch%reads = pack([(i, i=1, n_dof)], coordinates_read(vector, n_dof))
       numbers = renumbered(vector, n_dof, watch%reads)
     end if
@@ -112,6 +125,12 @@ contains
     end do
     allocate (watch%which(0), watch%times(0), watch%states(0, 0))
   end subroutine new_watch
+
+  !> Whether nothing is asked for.
+  pure logical function is_idle(self)
+    class(watch_type), intent(in) :: self
+    is_idle = size(self%signals) == 0 .and. .not. self%extremes%wanted
+  end function is_idle
 
   !> Which of n coordinates the signals read, themselves or their velocities.
   pure function coordinates_read(vector, n) result(read_at_all)
@@ -328,6 +347,7 @@ contains
   end subroutine drop_after
 
   !> What was found, as far as there is room; each column the signal, the time and the state.
+  !! Behind them, in three columns, peaks, integrals and those of squares, if they are asked for.
   subroutine hand_over(self, sides, found, n_found)
     class(watch_type), intent(in) :: self
     integer, intent(inout) :: sides(:)
@@ -341,6 +361,11 @@ contains
     sides(2*n + 1:3*n) = self%lost
     n_found = self%n_found
     n = min(n_found, size(found, 2))
+    if (allocated(self%extremes%peak) .and. n + 3 <= size(found, 2)) then
+      found(3:, n + 1) = self%extremes%peak
+      found(3:, n + 2) = self%extremes%total
+      found(3:, n + 3) = self%extremes%squares
+    end if
     if (n == 0) return
     found(1, :n) = self%which(:n)
     found(2, :n) = self%times(:n)

@@ -463,6 +463,7 @@ contains
     integer :: i
     logical :: passes, made
 
+    call watch%extremes%take(at%path)
     if (size(watch%signals) == 0) return
     call watch%look(at%path, sticks, found)
     if (size(found) == 0) return

@@ -109,9 +109,11 @@ def simulate_ensemble(
     discard : float
         Nothing is gathered before this time (or this many periods, with ``n_periods``).
     statistics : bool
-        Gather peak, mean and rms of states, those at the steps. With ``dt="auto"`` these are 32
-        or more in the period of the fastest linear mode or load, and a peak is then as a rule
-        less than 0.5 % low; its error is not in ``error``.
+        Gather peak, mean and rms of states. Run by run with ``dt="auto"`` they are those of the
+        motion itself from ``discard`` on, between steps and at kinks and impacts too, and
+        ``error`` holds for them. Else they are of states at the steps: side by side with
+        ``dt="auto"`` 32 or more in the period of the fastest linear mode or load, and a peak is
+        then as a rule less than 0.5 % low; its error is not in ``error``.
     amplitudes_at : array_like, shape (m,)
         Circular frequencies at which amplitudes are wanted (projection under a Hann window).
     sections : {1, 2, 3}, str or Event
@@ -133,7 +135,7 @@ def simulate_ensemble(
         is the whole past: a disturbance is one of coordinates and velocities at t = 0, its own past
         is scaled with it, and "all" are the 2 n_dof largest exponents of infinitely many.
     sample_every : int
-        Steps between the samples of statistics and amplitudes.
+        Steps between the samples of amplitudes, and of statistics where these are sampled.
     n_threads : int
         Default: as many as there are processors. Results do not depend on it, to the last bit.
     progress : bool
@@ -181,6 +183,8 @@ def simulate_ensemble(
         every,
         threads,
     )
+    if job.statistics and _native.is_auto(dt) and not members.side_by_side:
+        members.gathered_since = length.discarded
     n, error = length.steps(dt, members), None
     raw = job.run(n, progress)
     if _native.is_auto(dt):
@@ -335,6 +339,13 @@ class _Length:
             n = self.periods * math.ceil(n / self.periods)
         return _native.integer("t_end / dt", n, 1, _MAX_STEPS)
 
+    @property
+    def discarded(self) -> FloatArray:
+        """The time of each run that is left out."""
+        if self.periods is None:
+            return np.full(self.span.size, self.discard)
+        return np.asarray(self.discarded_periods * self.spacing)
+
     def discarded_steps(self, n: int) -> int:
         if self.periods is not None:
             return self.discarded_periods * (n // self.periods)
@@ -448,6 +459,13 @@ class _Job:
         return state, ended, reached, peak, mean, rms, amplitudes, sections, lyapunov
 
 
+def _changes_along(coarse: _Raw, fine: _Raw, runs: npt.NDArray[np.bool_]) -> FloatArray:
+    """By how much peaks, means and rms of some runs differ at most, shape of their states."""
+    pairs = ((coarse.peak, fine.peak), (coarse.mean, fine.mean), (coarse.rms, fine.rms))
+    parts = [np.abs(b[runs] - a[runs]) for a, b in pairs if a is not None and b is not None]
+    return np.asarray(np.max(parts, axis=0))
+
+
 def _refine(
     job: _Job, coarse: _Raw, n: int, wanted: Accuracy, progress: bool
 ) -> tuple[_Raw, int, float]:
@@ -460,25 +478,33 @@ def _refine(
         both = (coarse.ended == 0) & (fine.ended == 0)
         unlike = (coarse.ended != fine.ended) | (fine.ended == _COARSE)
         parts = np.abs(fine.state - coarse.state)
+        along = np.zeros_like(parts)
+        if job.members.gathered_since is not None:
+            along[both] = _changes_along(coarse, fine, both)
         # Of a state at 1e6 the time is what is known.
         parts[fine.ended == _DIVERGED] = 0.0
         moved = np.abs(fine.t_reached - coarse.t_reached)
-        changes = np.maximum(parts.max(axis=1), moved)
+        changes = np.maximum(np.maximum(parts, along).max(axis=1), moved)
         changes[unlike] = math.inf
         worst = int(changes.argmax())
         change = float(changes[worst])
         alive = fine.state[both]
         stopped = ~both
         late = wanted.absolute + wanted.relative * fine.t_reached
+        sizes = alive if fine.peak is None else fine.peak[both]
         if (
             not unlike.any()
             and (parts[both] <= wanted.allowed(alive)).all()
+            and (along <= wanted.allowed(sizes)).all()
             and (moved <= late).all()
             and (parts[stopped].max(axis=1, initial=0.0) <= late[stopped]).all()
         ):
             located = LOCATED * float(np.maximum(fine.t_reached[stopped], 1.0).max(initial=0.0))
             error = max(change, rounding_of(alive), located)
-            if (job.statistics or job.lines.size) and factor < _SAMPLED:
+            sampled = job.statistics and job.members.gathered_since is None
+            if not sampled and fine.peak is not None:
+                error = max(error, rounding_of(fine.peak[both]))
+            if (sampled or job.lines.size) and factor < _SAMPLED:
                 factor = _SAMPLED
                 fine = job.run(n * factor, progress)
             return fine, n * factor, error

@@ -16,6 +16,8 @@ from viscovib.systems.laws import Law, compile_law
 
 #: Passages that a native call has room for, and those of a run at most.
 ROOM, _MOST = 50_000, 5_000_000
+#: What peaks and means along the motion take of that room: a column each.
+_GATHERED = 3
 #: Of the size of a signal that never had a value (`watch_type` of the core), and below.
 _NO_VALUE = -1022
 _DIRECTIONS = {"any": 0, "up": 1, "down": -1}
@@ -73,6 +75,10 @@ class Watch:
         # steps passages may be missing.
         self.sides = np.zeros(3 * len(events), dtype=np.intc)
         self.found: list[FloatArray] = []
+        #: Whether peaks and means are gathered.
+        self.gathers = False
+        #: Of all that is observed: largest sizes, and integrals of values and of squares; none yet.
+        self.gathered: FloatArray | None = None
 
     @classmethod
     def checked(cls, events: object, names: Sequence[str], told: str = "") -> Watch:
@@ -111,7 +117,21 @@ class Watch:
         other.events, other.vector = self.events, self.vector
         other.sides = np.zeros_like(self.sides)
         other.found = []
+        other.gathers, other.gathered = self.gathers, None
         return other
+
+    @classmethod
+    def of_motion(cls, other: Watch | None, since: float) -> Watch:
+        """The same events, or none, and peaks and means along the motion from a time on."""
+        watch = cls([], []) if other is None else other.fresh()
+        watch.vector = np.append(watch.vector, since)
+        watch.gathers = True
+        return watch
+
+    @property
+    def room(self) -> int:
+        """Columns that a native call has for what it finds."""
+        return ROOM if self.events else _GATHERED
 
     def going_on(self) -> Watch:
         """The same events of a run that goes on, with what is found from there on."""
@@ -140,6 +160,18 @@ class Watch:
             )
         if count:
             self.found.append(np.array(found[:, :count].T))
+
+    def take_gathered(self, found: FloatArray, count: int) -> None:
+        """Take in what a native call, which found so many passages, has gathered."""
+        if found.shape[1] < count + _GATHERED:
+            raise InputError(
+                f"sections: more than {ROOM - _GATHERED} in a piece of the run: take a shorter run"
+            )
+        peak, *integrals = found[2:, count : count + _GATHERED].T
+        if self.gathered is None:
+            self.gathered = np.zeros((_GATHERED, peak.size))
+        self.gathered[0] = np.maximum(self.gathered[0], peak)
+        self.gathered[1:] += integrals
 
     def passages(self, columns: slice) -> tuple[Passages, ...]:
         """What was found of each event."""

@@ -15,7 +15,7 @@ import numpy.typing as npt
 from viscovib import _native
 from viscovib._native import FloatArray
 from viscovib.analyses.accuracy import rounding_of
-from viscovib.analyses.events import NOTHING, ROOM, Watch
+from viscovib.analyses.events import NOTHING, Watch
 from viscovib.bodies.body import Body
 from viscovib.bodies.turning import told_like
 from viscovib.common.counts import things
@@ -259,7 +259,7 @@ class Run(ABC):
         """Return the events as native calls take them, and the room for what is found."""
         if self.watch is None:
             return NOTHING
-        return self.watch.vector, self.watch.sides, ROOM
+        return self.watch.vector, self.watch.sides, self.watch.room
 
     @abstractmethod
     def _native_steps(self, count: int, every: int, columns: int, times: FloatArray) -> Piece:
@@ -398,6 +398,8 @@ class Run(ABC):
             part = self._native_steps(count, want.every, columns, times)
             if self.watch is not None:
                 self.watch.take(part.found, part.n_found)
+                if self.watch.gathers:
+                    self.watch.take_gathered(part.found, part.n_found)
                 if OUTCOMES[part.ended] == "event":
                     part = part._replace(last=self.watch.found[-1][-1, 2:])
             self.memory, self.state, ended = part.memory, part.last, part.ended

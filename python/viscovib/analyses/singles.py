@@ -150,6 +150,8 @@ class SingleMembers(Members):
         watch = None
         if self.surface is not None and moved is None:
             watch = Watch.checked([self.surface], observed(make(1.0)), "sections")
+        if self.gathered_since is not None and moved is None:
+            watch = Watch.of_motion(watch, float(self.gathered_since[i]))
         run = known(make, watch=watch)(h)
         run.layers = self.layers.setdefault(i, ThinLayers())
         return run
@@ -179,7 +181,8 @@ class SingleMembers(Members):
         """Make some of the runs, one after another."""
         h, _, n_steps, n_discard, every, section_every, moments, exponents, lines, *rest = given
         cancel, sections = rest
-        asked = _Asked(n_steps, n_discard, every, section_every, moments > 0, exponents, lines)
+        sampled = moments > 0 and self.gathered_since is None
+        asked = _Asked(n_steps, n_discard, every, section_every, sampled, exponents, lines)
         found: list[_Gathered] = []
         for k, i in enumerate(range(part.start, part.stop)):
             if cancel[0]:
@@ -218,6 +221,11 @@ class SingleMembers(Members):
         last = latest if latest.t.size and not stopped else None
         state = latest.state[-1] if last is not None else run.state[: latest.state.shape[1]]
         found = track.result(state.size, stopped)
+        along = None if run.watch is None else run.watch.gathered
+        if self.gathered_since is not None and along is not None:
+            found.peak, total, squares = along[:, : state.size]
+            length = h * asked.n_steps - self.gathered_since[i]
+            found.mean, found.rms = total / length, np.sqrt(squares / length)
         found.state, found.ended = np.array(state), OUTCOMES.index(latest.outcome)
         found.reached = latest.t_reached
         if self.surface is not None:
@@ -258,14 +266,15 @@ class _Asked:
     n_discard: int
     every: int
     section_every: int
-    moments: bool
+    #: Whether peaks and means are wanted of samples.
+    sampled: bool
     exponents: int
     lines: FloatArray
 
     @property
     def samples(self) -> bool:
         """Whether states are sampled on the way."""
-        return self.moments or self.lines.size > 0
+        return self.sampled or self.lines.size > 0
 
     @property
     def stride(self) -> int:
@@ -321,7 +330,7 @@ class _Track:
         """What was gathered; of a motion that stopped what belongs to the whole is not known."""
         missing = np.full(width, math.nan)
         peak, mean, rms = missing, missing, missing
-        if self.n and self.asked.moments:
+        if self.n and self.asked.sampled:
             peak = np.asarray(self.peak)
             mean, rms = self.total / self.n, np.sqrt(self.squares / self.n)
         lines = np.full((width // 2, self.asked.lines.size), math.nan, dtype=complex)

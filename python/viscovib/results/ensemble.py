@@ -42,7 +42,8 @@ class Ensemble(Result):
         Spacing of the states kept: the periods between ``sections``; NaN without, as only last
         states are kept.
     peak, mean, rms : ndarray, shape (n, 2 n_dof), or None
-        Largest size, mean and root mean square of the states sampled; NaN of a run that stopped.
+        Largest size, mean and root mean square of the states sampled, or along the motion (see
+        ``statistics``); NaN of a run that stopped.
     amplitudes : complex ndarray, shape (n, n_lines, n_dof), or None
         X of each coordinate at each frequency asked for: u = mean + Re(X exp(i omega t)); NaN, in
         both parts, of a run that stopped.
@@ -58,7 +59,8 @@ class Ensemble(Result):
         All exponents in the directions of the states, if asked for, largest first; the load's phase
         has exponent 0 besides. -inf: a disturbance vanishes altogether, as where friction sticks.
     error : float or None
-        Estimated largest error of the last states and of ``t_reached``, if ``dt`` was "auto".
+        Estimated largest error of the last states and of ``t_reached``, if ``dt`` was "auto"; of
+        runs one by one also of ``peak``, ``mean`` and ``rms``.
     method : str
     parameters : mapping
         What varies, each an array of shape (n,).

@@ -1,0 +1,136 @@
+"""Peaks, means and last states of ensembles run by run, of laws with kinks and jumps: by SciPy."""
+
+import numpy as np
+import pytest
+import viscovib as vv
+from scipy.integrate import solve_ivp
+
+#: Laws of one coordinate x1 (and its velocity) with numbers k and g; the surfaces where they
+#: switch; and the same with the sides of these surfaces held.
+LAWS = {
+    "k*max(x1 - g, 0)": (
+        [lambda y, g: y[0] - g],
+        lambda y, k, g, s: k * (y[0] - g) * (s[0] > 0),
+    ),
+    "0.1*k*abs(x1 - 0.2*g)": (
+        [lambda y, g: y[0] - 0.2 * g],
+        lambda y, k, g, s: 0.1 * k * s[0] * (y[0] - 0.2 * g),
+    ),
+    "where(x1 > g, k*(x1 - g) + 0.2, 0)": (
+        [lambda y, g: y[0] - g],
+        lambda y, k, g, s: (k * (y[0] - g) + 0.2) * (s[0] > 0),
+    ),
+    "k*(max(x1 - g, 0) + min(x1 + g, 0))": (
+        [lambda y, g: y[0] - g, lambda y, g: y[0] + g],
+        lambda y, k, g, s: k * ((y[0] - g) * (s[0] > 0) + (y[0] + g) * (s[1] < 0)),
+    ),
+    "g*sign(x1)": ([lambda y, g: y[0]], lambda y, k, g, s: g * s[0]),
+    "k*max(x1_dot, 0)": ([lambda y, g: y[1]], lambda y, k, g, s: k * y[1] * (s[0] > 0)),
+}
+END = 12.0
+
+
+def matrices(n):
+    """Springs and dampers of a chain that is held at one end."""
+    chain = 2 * np.eye(n) - np.eye(n, k=1) - np.eye(n, k=-1)
+    chain[-1, -1] = 1.0
+    return chain, 0.08 * chain
+
+
+def true_motion(text, n, k, g, load, nu, start, begin=0.0, end=END):
+    """Last state, and peaks, means and rms from begin to end, from switch to switch."""
+    surfaces, law = LAWS[text]
+    stiffness, damping = matrices(n)
+
+    def acceleration(t, y, sides):
+        force = -stiffness @ y[: 2 * n : 2] - damping @ y[1 : 2 * n : 2]
+        force[0] += load * np.sin(nu * t) - law(y, k, g, sides)
+        return force
+
+    def rates(t, y, sides):
+        own = np.empty(2 * n)
+        own[::2], own[1::2] = y[1 : 2 * n : 2], acceleration(t, y, sides)
+        return np.concatenate([own, y[: 2 * n], y[: 2 * n] ** 2])
+
+    switches = [lambda t, y, sides, f=f: f(y, g) for f in surfaces]
+    for one in switches:
+        one.terminal = True
+    tops = [lambda t, y, sides, i=i: y[2 * i + 1] for i in range(n)]
+    tops += [lambda t, y, sides, i=i: acceleration(t, y, sides)[i] for i in range(n)]
+    t, y = begin, np.concatenate([start, np.zeros(4 * n)])
+    sides = [np.sign(f(y, g)) or 1.0 for f in surfaces]
+    peak = np.abs(start)
+    while t < end:
+        # A little off the surface first, which is found again at its start otherwise.
+        run = None
+        for until, events in ((min(t + 1e-7, end), []), (end, [*switches, *tops])):
+            if t >= until:
+                continue
+            run = solve_ivp(
+                rates, (t, until), y, "DOP853", rtol=1e-11, atol=1e-13, args=(sides,),
+                events=events, max_step=0.05,
+            )  # fmt: skip
+            t, y = run.t[-1], run.y[:, -1]
+            found = [one[:, : 2 * n] for one in (run.y_events or []) if one.size]
+            peak = np.max([peak, *(np.abs(one).max(0) for one in [*found, run.y.T[:, : 2 * n]])], 0)
+        for j, times in enumerate((run.t_events or [])[: len(switches)]):
+            if times.size:
+                sides[j] = -sides[j]
+    mean, squares = y[2 * n : 4 * n] / (end - begin), y[4 * n :] / (end - begin)
+    return y[: 2 * n], peak, mean, np.sqrt(squares)
+
+
+@pytest.mark.parametrize("seed", range(9))
+def test_kinked_ensembles(seed):
+    """Of random systems each lane is as right as its error says, and the single run's."""
+    rng = np.random.default_rng(seed)
+    text, n = list(LAWS)[seed % len(LAWS)], 1 + seed % 3
+    stiffness, damping = matrices(n)
+    names = [f"x{i + 1}" for i in range(n)]
+    system = vv.PolynomialSystem(
+        mass=np.eye(n), stiffness=stiffness, damping=damping, names=names,
+        forces=text if n == 1 else {"x1": text}, parameters={"k": 1.0, "g": 0.3},
+    )  # fmt: skip
+    given = {"k": rng.uniform(0.5, 4, 2), "g": rng.uniform(0.1, 0.4, 2)}
+    discard = float(rng.choice([0.0, 3.1]))
+    starts, nu = rng.uniform(-0.5, 0.5, (2, 2 * n)), float(rng.uniform(0.5, 2))
+    many = vv.simulate_ensemble(
+        system, initial=starts, t_end=END, load={"x1": 0.9}, nu=nu, parameters=given,
+        statistics=True, tolerance=1e-9, discard=discard,
+    )  # fmt: skip
+    assert many.error <= 1e-9
+    for i in range(2):
+        k, g = (float(given[name][i]) for name in "kg")
+        at = (text, n, k, g, 0.9, nu)
+        start = true_motion(*at, starts[i], 0.0, discard)[0] if discard else starts[i]
+        true = true_motion(*at, start, discard)
+        allowed = 3 * many.error + 2e-9
+        for told, value in zip((many.state, many.peak, many.mean, many.rms), true, strict=True):
+            np.testing.assert_allclose(told[i], value, rtol=0, atol=allowed, err_msg=text)
+
+
+def test_impacts_and_friction_with_memory_of_their_own():
+    """Means of velocities are what the mass has gone; peaks are those of many states."""
+    hard = vv.Gap(on={"x1": 1}, gap=0.3, restitution=0.8)
+    slip = vv.Jenkins(on={"x1": 1}, stiffness=2.0, limit=0.3)
+    for element in (hard, slip):
+        body = vv.Structure(mass=[1.0], stiffness=[1.0], damping=[0.05], elements=[element])
+        call = {"initial": [0.1, 0.3], "load": 0.7, "nu": 0.9}
+        many = vv.simulate_ensemble(body, t_end=15.0, statistics=True, **call)
+        run = vv.simulate(body, 15.0, times=np.linspace(0, 15, 20_001), **call)
+        assert many.error < 1e-8
+        assert many.mean[0, 1] == pytest.approx((many.state[0, 0] - 0.1) / 15, abs=1e-12)
+        most = np.abs(run.state).max(0)
+        assert (many.peak[0] >= most - 1e-9).all()
+        np.testing.assert_allclose(many.peak[0], most, rtol=1e-3)
+
+
+def test_a_lane_that_stops_before_anything_is_gathered():
+    """Nothing is known of it; the other lane is as it was."""
+    away = vv.PolynomialSystem(mass=1, stiffness=1, forces="-0.5*x^3 + 0.3*max(x - 0.2, 0)")
+    many = vv.simulate_ensemble(
+        away, initial=[[0.1, 0], [9.0, 0]], t_end=10.0, discard=5.0, statistics=True
+    )
+    assert list(many.outcome) == ["completed", "diverged"]
+    assert np.isnan(many.peak[1]).all()
+    assert many.peak[0, 0] <= 0.1 + 1e-8
