@@ -204,13 +204,13 @@ contains
     integer :: reached, reason
 
     if (counting) call count_up(counted_runs, 1)
-    every = int(job%save_every, i8)*thinning
+    every = job%steps_apart(n, thinning)
     trajectory%h = job%t_end/real(n, wp)
     if (allocated(job%watched)) then
       allocate (trajectory%watch)
       call new_watch(trajectory%watch, job%watched, n_dof=size(u))
     end if
-    allocate (states(size(self%first), merge(0_i8, n/every, job%last_only)))
+    allocate (states(size(self%first), n/every))
     do i = 1, 2
       base = self%base
       select type (job)
@@ -237,6 +237,7 @@ contains
       allocate (trajectory%states(size(self%first), 1))
       trajectory%states(:, 1) = self%first
       if (reason /= begun) return
+      trajectory%looks = states(:, :trajectory%n_steps/every)
       call run%observe(u, v)
       call base%add_to(trajectory%t_reached, u, v)
       trajectory%states(1::2, 1) = u

@@ -24,6 +24,8 @@ module viscovib_trajectory
     integer(i8) :: n_steps = 0
     !> How many times as long the steps are as those whose nodes see every thin layer of a law.
     real(wp) :: too_long = 0.0_wp
+    !> States on the way of a run that keeps the last alone, a column each; not allocated: none.
+    real(wp), allocatable :: looks(:, :)
     !> Events that were found, if any were looked for; states are of the coordinates kept.
     type(watch_type), allocatable :: watch
   contains

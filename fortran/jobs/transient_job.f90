@@ -41,6 +41,10 @@ module viscovib_transient_job
   !! that are kept for it at most.
   real(wp), parameter :: peaks = 2.0e-3_wp, most_states = 1.0e5_wp
   integer, parameter :: most_parts = 64
+  !> Looks on the way to a last state, steps of the first run between them at least, and the part
+  !! of a motion that runs of it differ by at most.
+  integer(i8), parameter :: most_looks = 24_i8, least_between = 16_i8
+  real(wp), parameter :: one_motion = 1.0e-6_wp
   !> States that a run which stops keeps at least; halvings of the step by which these are made
   !! exact, before they are given up.
   integer, parameter :: states_at_stop = 100, halvings_at_stop = 6
@@ -67,6 +71,7 @@ module viscovib_transient_job
   contains
     procedure :: allowed
     procedure :: allowed_at_stop
+    procedure :: steps_apart
     procedure :: solved
   end type transient_job
 
@@ -165,10 +170,11 @@ contains
       call maker%make(job, int(n, i8)*factor, factor, trajectory, status)
       if (status%failed() .or. trajectory%outcome == run_stopped) return
       call maker%align(coarse, trajectory)
-      change = change_of(coarse, trajectory)
+      change = max(change_of(coarse, trajectory), parted(maker, job, coarse, trajectory))
       if (change < huge(1.0_wp) .and. trajectory%outcome == run_completed) then
         met = all(maxval(abs(trajectory%states - coarse%states), 2) &
-                  <= job%allowed(trajectory%states))
+                  <= job%allowed(trajectory%states)) &
+              .and. .not. parted(maker, job, coarse, trajectory) > 0.0_wp
       else
         met = change <= job%allowed_at_stop(trajectory) &
               .and. (trajectory%n_steps == 0 .or. trajectory%n_steps >= few)
@@ -228,6 +234,27 @@ contains
     end subroutine shorten
 
   end subroutine make_runs
+
+  !> By how much two runs that keep the last state alone differ on the way, where that tells that
+  !! they are not one motion, else 0: those that pass through chaos may end alike by chance.
+  real(wp) function parted(maker, job, coarse, fine) result(change)
+    class(run_maker), intent(in) :: maker
+    class(transient_job), intent(in) :: job
+    type(trajectory_type), intent(in) :: coarse, fine
+    type(trajectory_type) :: one, other
+    real(wp), allocatable :: off(:), allowed(:)
+    change = 0.0_wp
+    if (.not. (allocated(coarse%looks) .and. allocated(fine%looks))) return
+    if (size(coarse%looks, 2) /= size(fine%looks, 2) .or. size(fine%looks, 2) == 0) return
+    one = coarse
+    other = fine
+    one%states = coarse%looks
+    other%states = fine%looks
+    call maker%align(one, other)
+    off = maxval(abs(other%states - one%states), 2)
+    allowed = max(job%allowed(other%states), one_motion*maxval(abs(other%states), 2))
+    if (any(off > allowed)) change = maxval(off)
+  end function parted
 
   !> Whether halving is vain, for chaos or rounding: two gain less than a digit. That two runs
   !! end unlike each other is no measure of what a halving gains.
@@ -291,6 +318,15 @@ contains
     ! A row that is hardly more than rounding of the others is not judged by itself.
     allowed = self%tolerance + self%relative*max(allowed, 1.0e-6_wp*maxval(allowed))
   end function allowed
+
+  !> Steps between states of a run of n steps that are kept, or looked at on the way to the last.
+  pure integer(i8) function steps_apart(self, n, thinning)
+    class(transient_job), intent(in) :: self
+    integer(i8), intent(in) :: n
+    integer, intent(in) :: thinning
+    steps_apart = int(self%save_every, i8)*thinning
+    if (self%last_only) steps_apart = max(least_between, n/thinning/most_looks)*thinning
+  end function steps_apart
 
   !> Relative error with which equations of steps are solved where they are cheap.
   pure real(wp) function solved(self)
@@ -431,12 +467,12 @@ contains
       call new_watch(trajectory%watch, job%watched)
     end if
     if (counting) call count_up(counted_runs, 1)
-    every = int(job%save_every, i8)*thinning
+    every = job%steps_apart(n, thinning)
     trajectory%h = job%t_end/real(n, wp)
     call set_ok(status)
     call new_stepper(stepper, self%system, job%method, job%initial(1::2), job%initial(2::2), &
                      0.0_wp, trajectory%h, job%solved())
-    allocate (states(size(job%initial), merge(0_i8, n/every, job%last_only)))
+    allocate (states(size(job%initial), n/every))
     self%system%longest = max(self%system%longest, trajectory%h)
     self%system%thin = trajectory%h/self%system%longest
     call simulate(stepper, self%system, 0_i8, n, every, no_times, states, no_states, &
@@ -449,6 +485,7 @@ contains
       trajectory%t = [trajectory%t_reached]
       allocate (trajectory%states(size(job%initial), 1))
       trajectory%states(:, 1) = trajectory%last
+      trajectory%looks = states(:, :trajectory%n_steps/every)
       return
     end if
     kept = trajectory%n_steps/every

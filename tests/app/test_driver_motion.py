@@ -209,3 +209,26 @@ def test_escapes_end_at_their_time(solve, tmp_path, kernel):
         assert run.outcome == "diverged"
         assert float(told[1]) == pytest.approx(run.t_reached, abs=1e-10)
         assert int(told[2]) == run.t.size > 20
+
+
+@pytest.mark.parametrize("kernel", ["", "&kernel kind='prony', weights=1e-2, rates=1 /\n"])
+def test_ends_that_are_alike_by_chance_are_refused(solve, tmp_path, kernel):
+    """A body in two wells passes through chaos and settles: its end alone tells nothing."""
+    scene = tmp_path / "wells.nml"
+    text = (
+        "&system coordinates='x', mass=1, damping=0.1, stiffness=-1 /\n"
+        f"{kernel}&force law='x^3', kernel=0 /\n&load on='x', amplitude=0.4 /\n"
+        "&transient initial=0.1 0, t_end=1000, nu=1.2, keep='last' /\n"
+    )
+    scene.write_text(text)
+    done = solve(scene, "--out", tmp_path)
+    assert done.returncode == 2
+    assert "not met" in done.stderr
+    with pytest.raises(vv.InputError, match="not met"):
+        vv.run(scene)
+    scene.write_text(text.replace("t_end=1000", "t_end=20"))
+    done = solve(scene, "--out", tmp_path)
+    assert done.returncode == 0, done.stderr
+    last = [float(s) for s in (tmp_path / "wells_transient.csv").read_text().split()[-1].split(",")]
+    run = vv.run(scene).trajectory
+    assert last[1:3] == pytest.approx(run.state[-1], abs=1e-9)
