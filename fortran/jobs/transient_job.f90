@@ -41,8 +41,7 @@ module viscovib_transient_job
   !! that are kept for it at most.
   real(wp), parameter :: peaks = 2.0e-3_wp, most_states = 1.0e5_wp
   integer, parameter :: most_parts = 64
-  !> Looks on the way to a last state, steps of the first run between them at least, and the part
-  !! of a motion that runs of it differ by at most.
+  !> Looks on the way to a last state, first steps between two, and how far runs of it may differ.
   integer(i8), parameter :: most_looks = 24_i8, least_between = 16_i8
   real(wp), parameter :: one_motion = 1.0e-6_wp
   !> States that a run which stops keeps at least; halvings of the step by which these are made
@@ -319,13 +318,14 @@ contains
     allowed = self%tolerance + self%relative*max(allowed, 1.0e-6_wp*maxval(allowed))
   end function allowed
 
-  !> Steps between states of a run of n steps that are kept, or looked at on the way to the last.
+  !> Steps between states of n that are kept, or looked at on the way to the last of two runs.
   pure integer(i8) function steps_apart(self, n, thinning)
     class(transient_job), intent(in) :: self
     integer(i8), intent(in) :: n
     integer, intent(in) :: thinning
-    steps_apart = int(self%save_every, i8)*thinning
-    if (self%last_only) steps_apart = max(least_between, n/thinning/most_looks)*thinning
+    steps_apart = merge(max(least_between, n/thinning/most_looks), int(self%save_every, i8), &
+                        self%last_only)*thinning
+    if (self%last_only .and. self%dt > 0.0_wp) steps_apart = n + 1
   end function steps_apart
 
   !> Relative error with which equations of steps are solved where they are cheap.
