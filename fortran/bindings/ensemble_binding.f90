@@ -5,7 +5,7 @@
 !! system and its load as in polynomial_binding, all else as in `pendulum_ensemble`; missed(i) /= 0:
 !! steps of run i may have missed a thin layer of a force.
 subroutine polynomial_ensemble(flat, n_flat, orders, series, n_rows, n_series, own, nu, scales, n, &
-                               initial, h, method, n_steps, n_discard, sample_every, &
+                               initial, h, method, n_steps, n_discard, ahead, sample_every, &
                                section_every, n_sections, n_moments, n_exponents, lines, n_lines, &
                                n_section_runs, cancel, state, ended, t_reached, peak, mean, rms, &
                                amplitudes, sections, lyapunov, missed, status)
@@ -25,7 +25,7 @@ subroutine polynomial_ensemble(flat, n_flat, orders, series, n_rows, n_series, o
   integer(c_int), intent(in) :: n_moments, n_exponents, n_lines, n_section_runs
   integer(c_long), intent(in) :: n_steps, n_discard, sample_every, section_every
   real(c_double), intent(in) :: flat(n_flat), own(n_rows - 1, n_rows - 1, 2)
-  real(c_double), intent(in) :: nu(n), scales(4, n)
+  real(c_double), intent(in) :: nu(n), scales(4, n), ahead
   complex(c_double_complex), intent(in) :: series(n_rows, n_series)
   real(c_double), intent(in) :: initial(2*n_rows - 2, n), h(n), lines(n_lines)
   integer(c_int), intent(inout) :: cancel(1)
@@ -47,6 +47,7 @@ subroutine polynomial_ensemble(flat, n_flat, orders, series, n_rows, n_series, o
   job%method = method
   job%n_steps = n_steps
   job%n_discard = n_discard
+  job%ahead = ahead
   job%sample_every = sample_every
   job%section_every = section_every
   job%moments = n_moments > 0

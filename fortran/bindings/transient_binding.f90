@@ -93,13 +93,14 @@ subroutine pendulum_simulate(flat, method, swings, initial, h, tolerance, first,
   call report(outcome, status)
 end subroutine pendulum_simulate
 
-!> Many runs from time 0, trajectory i with the pendulum flat(:,i) and step h(i).
+!> Many runs from time 0, trajectory i with the pendulum flat(:,i) and step h(i). Peaks and means
+!! begin so much of a step `ahead` of the first n_discard.
 !! Results that are not wanted have no columns. cancel(1) /= 0 gives up, and
 !! may be set by another thread.
-subroutine pendulum_ensemble(flat, n, initial, h, method, n_steps, n_discard, sample_every, &
-                             section_every, n_sections, n_moments, n_exponents, lines, n_lines, &
-                             n_section_runs, cancel, state, ended, t_reached, peak, mean, rms, &
-                             amplitudes, sections, lyapunov, status)
+subroutine pendulum_ensemble(flat, n, initial, h, method, n_steps, n_discard, ahead, &
+                             sample_every, section_every, n_sections, n_moments, n_exponents, &
+                             lines, n_lines, n_section_runs, cancel, state, ended, t_reached, &
+                             peak, mean, rms, amplitudes, sections, lyapunov, status)
   use, intrinsic :: iso_c_binding, only: c_double, c_double_complex, c_int, c_long
   use viscovib_binding_tools, only: make_pendulum, report
   use viscovib_ensemble, only: ensemble_block, ensemble_job, run_block
@@ -112,7 +113,7 @@ subroutine pendulum_ensemble(flat, n, initial, h, method, n_steps, n_discard, sa
   integer(c_int), intent(in) :: n, method, n_sections, n_moments, n_exponents, n_lines
   integer(c_int), intent(in) :: n_section_runs
   integer(c_long), intent(in) :: n_steps, n_discard, sample_every, section_every
-  real(c_double), intent(in) :: flat(14, n), initial(6, n), h(n), lines(n_lines)
+  real(c_double), intent(in) :: flat(14, n), initial(6, n), h(n), ahead, lines(n_lines)
   integer(c_int), intent(inout) :: cancel(1)
   real(c_double), intent(out) :: state(6, n), peak(6, n_moments), mean(6, n_moments)
   real(c_double), intent(out) :: rms(6, n_moments), lyapunov(n_exponents, n)
@@ -130,6 +131,7 @@ subroutine pendulum_ensemble(flat, n, initial, h, method, n_steps, n_discard, sa
   job%method = method
   job%n_steps = n_steps
   job%n_discard = n_discard
+  job%ahead = ahead
   job%sample_every = sample_every
   job%section_every = section_every
   job%moments = n_moments > 0

@@ -27,9 +27,6 @@ module viscovib_many_job
     [character(len=15) :: 'nu', 'load_scale', 'stiffness_scale', 'damping_scale', 'forces_scale']
   !> Halvings of the step before a tolerance is given up.
   integer, parameter :: most_halvings = 12
-  !> How often the first steps, four in the fastest period, are halved at least for the samples of
-  !! peaks and means.
-  integer, parameter :: least_halvings = 3
   real(wp), parameter :: most_steps = 1.0e10_wp
 
   type, extends(job_type) :: many_job
@@ -57,7 +54,8 @@ module viscovib_many_job
 
   !> What was learnt, run last.
   type :: many_motions
-    real(wp), allocatable :: state(:, :), peak(:, :), rms(:, :), lyapunov(:), t_reached(:)
+    real(wp), allocatable :: state(:, :), peak(:, :), mean(:, :), rms(:, :)
+    real(wp), allocatable :: lyapunov(:), t_reached(:)
     real(wp), allocatable :: sections(:, :, :)
     integer, allocatable :: ended(:)
   end type many_motions
@@ -133,17 +131,12 @@ contains
         change = huge(1.0_wp)
         if (all(coarse%ended == fine%ended)) then
           change = max(maxval(abs(fine%state - coarse%state)), &
-                       maxval(abs(fine%t_reached - coarse%t_reached)))
+                       maxval(abs(fine%t_reached - coarse%t_reached)), along(coarse, fine))
         end if
         coarse = fine
         if (change <= self%tolerance) exit
       end do
-      i = min(i, most_halvings)
-      if (change <= self%tolerance .and. i < least_halvings .and. .not. status%failed()) then
-        i = least_halvings
-        call make_all(self, subject, spans, n*2_i8**i, coarse, status)
-      end if
-      n = n*2_i8**i
+      n = n*2_i8**min(i, most_halvings)
       if (change > self%tolerance) then
         call fail(status, status_input_error, 'tolerance', 'tolerance = '//show(self%tolerance) &
                   //': not met with '//show(real(n, wp))//' steps; some motion may be chaotic: ' &
@@ -158,6 +151,19 @@ contains
                      //things(int(min(n, int(huge(1), i8))), 'step')//' each'
     if (change >= 0.0_wp) report%summary = report%summary//', estimated error '//show(change)
   end subroutine run
+
+  !> By how much peaks, means and rms of motions that were completed differ at most.
+  pure real(wp) function along(coarse, fine)
+    type(many_motions), intent(in) :: coarse, fine
+    integer :: i
+    along = 0.0_wp
+    do i = 1, size(fine%ended)
+      if (fine%ended(i) /= run_completed) cycle
+      along = max(along, maxval(abs(fine%peak(:, i) - coarse%peak(:, i))), &
+                  maxval(abs(fine%mean(:, i) - coarse%mean(:, i))), &
+                  maxval(abs(fine%rms(:, i) - coarse%rms(:, i))))
+    end do
+  end function along
 
   !> How long each run is, and the fastest frequency of all.
   subroutine lengths(self, subject, spans, fastest, status)
@@ -252,7 +258,7 @@ contains
     type(ensemble_block) :: block
     type(lane_motion_type) :: motion
     type(pendulum_type) :: pendulum, other
-    real(wp) :: own(size(self%initial)/2, size(self%initial)/2, 2), scales(n_scales)
+    real(wp) :: own(size(self%initial)/2, size(self%initial)/2, 2), scales(n_scales), discarded
     integer :: cancel, d, first, i, l, m, n_drives, points
 
     call set_ok(status)
@@ -272,9 +278,12 @@ contains
       job%n_discard = nint(self%discard)*job%section_every
       points = self%n_periods - nint(self%discard)
     else
-      job%n_discard = ceiling(self%discard/self%t_end*n*(1.0_wp - 1.0e-12_wp), i8)
+      discarded = self%discard/self%t_end*n
+      job%n_discard = ceiling(discarded*(1.0_wp - 1.0e-12_wp), i8)
+      job%ahead = max(0.0_wp, job%n_discard - discarded)
     end if
-    allocate (many%state(2*d, m), many%peak(2*d, m), many%rms(2*d, m), many%lyapunov(m))
+    allocate (many%state(2*d, m), many%peak(2*d, m), many%mean(2*d, m), many%rms(2*d, m))
+    allocate (many%lyapunov(m))
     allocate (many%t_reached(m), many%ended(m), many%sections(2*d, points, m))
     if (.not. subject%is_pendulum) then
       own(:, :, 1) = subject%polynomial%stiffness_at_rest()
@@ -325,6 +334,8 @@ contains
     many%state(2::2, i) = block%v(l, :)
     many%peak(1::2, i) = block%peak(l, :, 1)
     many%peak(2::2, i) = block%peak(l, :, 2)
+    many%mean(1::2, i) = block%mean(l, :, 1)
+    many%mean(2::2, i) = block%mean(l, :, 2)
     many%rms(1::2, i) = block%rms(l, :, 1)
     many%rms(2::2, i) = block%rms(l, :, 2)
     many%lyapunov(i) = 0.0_wp

@@ -5,8 +5,9 @@ module viscovib_ensemble
   use viscovib_driven_system, only: differentiable_system_type, driven_system_type
   use viscovib_explicit, only: explicit_type, new_explicit
   use viscovib_kinds, only: i8, wp
-  use viscovib_lane_statistics, only: lines_type, moments_type, new_lines, new_moments
-  use viscovib_lanes, only: n_lanes
+  use viscovib_lane_lines, only: lines_type, new_lines
+  use viscovib_lane_moments, only: moments_type, new_moments
+  use viscovib_lanes, only: max_dof, n_lanes
   use viscovib_layer_watch, only: layer_watch
   use viscovib_run_history, only: run_history
   use viscovib_stopping, only: is_set
@@ -28,10 +29,12 @@ module viscovib_ensemble
   type :: ensemble_job
     !> Place in `lane_methods`.
     integer :: method = 3
-    !> Steps in all; those before anything is gathered; between samples; between
+    !> Steps in all; those before anything is gathered; between samples of lines; between
     !! two points of a section (0: none wanted).
     integer(i8) :: n_steps = 1, n_discard = 0, sample_every = 1, section_every = 0
+    !> Peaks, means and rms of the motion, which begin so much of a step before the others.
     logical :: moments = .false.
+    real(wp) :: ahead = 0.0_wp
     !> Exponents wanted, from the largest on.
     integer :: n_exponents = 0
     !> Circular frequencies of lines wanted.
@@ -117,12 +120,12 @@ contains
       end if
       call make_step(f, job, system, motion, block, i)
       if (layers(1)%on) call watch_layers(f, motion, block, i, layers, i == job%n_steps)
+      if (job%moments .and. i >= job%n_discard - 2) call gather(f, system, job, i)
       if (system%n_dof > n .and. (mod(i, int(rescaling, i8)) == 0 .or. i == job%n_discard &
                                   .or. i == job%n_steps)) call rescale(f, i <= job%n_discard)
       if (i <= job%n_discard) cycle
-      if (mod(i - job%n_discard, job%sample_every) == 0) then
-        if (job%moments) call f%moments%add(f%q, f%v, f%alive)
-        if (f%lines%n > 0) call f%lines%add(f%q, f%alive)
+      if (f%lines%n > 0 .and. mod(i - job%n_discard, job%sample_every) == 0) then
+        call f%lines%add(f%q, f%alive)
       end if
       if (job%section_every > 0) then
         if (mod(i - job%n_discard, job%section_every) == 0) then
@@ -177,13 +180,34 @@ contains
                       block%h)
     if (allocated(system%quarters)) call f%method%turn_phases(system%quarters)
     if (job%n_exponents > 1) call take_others(f, n, job%n_exponents - 1)
-    call new_moments(f%moments, n)
+    if (job%moments) then
+      call new_moments(f%moments, n, block%h)
+      if (job%n_discard <= 2) call gather(f, system, job, 0_i8)
+    end if
     n_samples = (job%n_steps - job%n_discard)/job%sample_every
     call new_lines(f%lines, n, job%lines, &
                    block%h*real(job%n_discard + job%sample_every, wp), &
                    block%h*real(job%sample_every, wp), n_samples)
     call measure_margin(f, system, block%h)
   end subroutine take_off
+
+  !> Take in what counts of step i, which ends here; its end alone of one before.
+  subroutine gather(f, system, job, i)
+    type(flight_type), intent(inout) :: f
+    class(driven_system_type), intent(in) :: system
+    type(ensemble_job), intent(in) :: job
+    integer(i8), intent(in) :: i
+    real(wp) :: a(n_lanes, max_dof)
+
+    call f%method%get_accelerations(system, a)
+    if (i > job%n_discard) then
+      call f%moments%add(f%q, f%v, a, f%alive, 1.0_wp)
+    else if (i == job%n_discard .and. job%ahead > 0.0_wp) then
+      call f%moments%add(f%q, f%v, a, f%alive, job%ahead)
+    else
+      call f%moments%begin(f%q, f%v, a)
+    end if
+  end subroutine gather
 
   !> Further disturbances, each along a coordinate or a velocity of its own.
   subroutine take_others(f, n, count)
@@ -415,9 +439,9 @@ contains
       block%v(l, :) = f%v(l, :f%n)
     end do
     if (job%moments) then
-      allocate (block%mean(n_lanes, f%n, 2), block%rms(n_lanes, f%n, 2))
-      call f%moments%means(block%mean, block%rms)
-      block%peak = f%moments%peak(:, :f%n, :)
+      allocate (block%peak(n_lanes, f%n, 2))
+      allocate (block%mean, block%rms, mold=block%peak)
+      call f%moments%hand_over(block%peak, block%mean, block%rms)
     end if
     ! Of a motion that stopped, peaks and means are those until then; what belongs to the
     ! whole of it is not known.

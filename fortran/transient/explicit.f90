@@ -9,6 +9,7 @@ module viscovib_explicit
   use viscovib_kinds, only: i8, wp
   use viscovib_lane_collocation, only: at_work, exchange_lanes, is_solved, judge_sweep, &
     max_sweeps, start_lanes
+  use viscovib_lane_room, only: furnish, new_room_plan, room_plan
   use viscovib_lanes, only: max_dof, n_lanes
   use viscovib_phases, only: split_phase, step_phase, turn_phase
   use viscovib_stage_kernels, only: end_of_step, stage_states, stage_sums, turn_drives
@@ -17,15 +18,6 @@ module viscovib_explicit
   private
 
   public :: explicit_type, new_explicit
-
-  !> Where things begin in the room of a method, in columns of lanes.
-  type :: room_plan
-    integer :: h = 1, q = 0, v = 0, q_rest = 0, v_rest = 0, in_q = 0, in_v = 0, stage_q = 0
-    integer :: stage_v = 0, drive = 0, cosine = 0, sine = 0, stage_cosine = 0, stage_sine = 0
-    !> Of collocations only: accelerations of the step before (behind f), accelerations to be, and
-    !! coordinates at the nodes.
-    integer :: f = 0, f_old = 0, f_new = 0, node_q = 0, n_columns = 0
-  end type room_plan
 
   type :: explicit_type
     type(explicit_table_type) :: table
@@ -48,6 +40,7 @@ module viscovib_explicit
     procedure :: begin_again
     procedure :: step
     procedure :: get_state
+    procedure :: get_accelerations
     procedure :: change_steps
     procedure :: turn_phases
     procedure :: set_lane
@@ -64,6 +57,7 @@ module viscovib_explicit
     procedure, private :: predict
     procedure, private :: iterate
     procedure, private :: margin_in_room
+    procedure, private :: accelerate
     procedure, private :: place
   end type explicit_type
 
@@ -126,57 +120,6 @@ contains
     integer, intent(in) :: quarters(:)
     call turn_phase(self%high, self%low, spread(quarters, 1, n_lanes))
   end subroutine turn_phases
-
-  !> Put steps and the load phases of the stages into the room.
-  pure subroutine furnish(table, plan, frequencies, h, room)
-    type(explicit_table_type), intent(in) :: table
-    type(room_plan), intent(in) :: plan
-    real(wp), intent(in) :: frequencies(:, :), h(n_lanes)
-    real(wp), intent(inout) :: room(n_lanes, plan%n_columns)
-    real(wp) :: angle
-    integer :: i, j, k, column
-
-    room(:, plan%h) = h
-    do i = 1, table%n_stages
-      do j = 1, size(frequencies, 2)
-        column = size(frequencies, 2)*(i - 1) + j - 1
-        room(:, plan%stage_cosine + column) = 1.0_wp
-        room(:, plan%stage_sine + column) = 0.0_wp
-        do k = 1, n_lanes
-          angle = frequencies(k, j)*(h(k)*table%c(i))
-          ! Lanes that stand still, and loads that do: most where one motion is followed.
-          if (angle == 0.0_wp) cycle
-          room(k, plan%stage_cosine + column) = cos(angle)
-          room(k, plan%stage_sine + column) = sin(angle)
-        end do
-      end do
-    end do
-  end subroutine furnish
-
-  pure type(room_plan) function new_room_plan(n_drives, n_stages, implicit) result(plan)
-    integer, intent(in) :: n_drives, n_stages
-    logical, intent(in) :: implicit
-    plan%q = plan%h + 1
-    plan%v = plan%q + max_dof
-    plan%q_rest = plan%v + max_dof
-    plan%v_rest = plan%q_rest + max_dof
-    plan%in_q = plan%v_rest + max_dof
-    plan%in_v = plan%in_q + max_dof
-    plan%stage_q = plan%in_v + max_dof
-    plan%stage_v = plan%stage_q + max_dof
-    plan%drive = plan%stage_v + max_dof
-    plan%cosine = plan%drive + n_drives
-    plan%sine = plan%cosine + n_drives
-    plan%stage_cosine = plan%sine + n_drives
-    plan%stage_sine = plan%stage_cosine + n_drives*n_stages
-    plan%f = plan%stage_sine + n_drives*n_stages
-    plan%n_columns = plan%f + max_dof*n_stages - 1
-    if (.not. implicit) return
-    plan%f_old = plan%n_columns + 1
-    plan%f_new = plan%f_old + max_dof*n_stages
-    plan%node_q = plan%f_new + max_dof
-    plan%n_columns = plan%node_q + max_dof*n_stages - 1
-  end function new_room_plan
 
   !> One step of every lane. Nothing is checked: a lane that overflows holds
   !! infinities and disturbs no other.
@@ -278,15 +221,25 @@ contains
     logical, intent(in) :: lanes(n_lanes)
     real(wp), intent(inout) :: room(n_lanes, self%plan%n_columns)
     associate (p => self%plan)
+      call self%accelerate(system, room, room(1, p%f_new))
+      call start_lanes(self%table%n_stages, self%n_dof, lanes, room(1, p%f_new), room(1, p%f))
+    end associate
+  end subroutine start_again
+
+  !> Accelerations at the start of a step, whose load phases stand in the room.
+  subroutine accelerate(self, system, room, a)
+    class(explicit_type), intent(inout) :: self
+    class(driven_system_type), intent(in) :: system
+    real(wp), intent(inout) :: room(n_lanes, self%plan%n_columns), a(n_lanes, max_dof)
+    associate (p => self%plan)
       call turn_drives(self%n_drives, room(1, p%cosine), room(1, p%sine), &
                        0.0_wp*room(:, p%sine:p%stage_cosine - 1) + 1.0_wp, &
                        0.0_wp*room(:, p%sine:p%stage_cosine - 1), room(1, p%drive))
       if (system%timed) room(:, p%drive + self%n_drives - 1) = self%since
-      call system%acceleration(room(1, p%q), room(1, p%v), room(1, p%drive), room(1, p%f_new))
+      call system%acceleration(room(1, p%q), room(1, p%v), room(1, p%drive), a)
       call count_stages(self, 1)
-      call start_lanes(self%table%n_stages, self%n_dof, lanes, room(1, p%f_new), room(1, p%f))
     end associate
-  end subroutine start_again
+  end subroutine accelerate
 
   !> The first sweep over the nodes, of lanes at work.
   subroutine predict(self, system, room, state)
@@ -390,6 +343,18 @@ contains
       v(:, d) = self%room(at + 1:at + n_lanes)
     end do
   end subroutine get_state
+
+  !> Accelerations of all lanes, shape (n_lanes, max_dof); the next step does not notice.
+  subroutine get_accelerations(self, system, a)
+    class(explicit_type), intent(inout) :: self
+    class(driven_system_type), intent(in) :: system
+    real(wp), intent(inout) :: a(n_lanes, max_dof)
+    associate (p => self%plan)
+      call phase_cosines(self%n_drives, self%high, self%low, &
+                         self%room(self%place(p%cosine) + 1), self%room(self%place(p%sine) + 1))
+    end associate
+    call self%accelerate(system, self%room(self%first), a)
+  end subroutine get_accelerations
 
   !> Elements before a column of the room.
   pure integer function place(self, column)

@@ -109,11 +109,8 @@ def simulate_ensemble(
     discard : float
         Nothing is gathered before this time (or this many periods, with ``n_periods``).
     statistics : bool
-        Gather peak, mean and rms of states. Run by run with ``dt="auto"`` they are those of the
-        motion itself from ``discard`` on, between steps and at kinks and impacts too, and
-        ``error`` holds for them. Else they are of states at the steps: side by side with
-        ``dt="auto"`` 32 or more in the period of the fastest linear mode or load, and a peak is
-        then as a rule less than 0.5 % low; its error is not in ``error``.
+        Gather peak, mean and rms of states: those of the motion itself from ``discard`` on,
+        between steps and at kinks and impacts too. ``error`` holds for them.
     amplitudes_at : array_like, shape (m,)
         Circular frequencies at which amplitudes are wanted (projection under a Hann window).
     sections : {1, 2, 3}, str or Event
@@ -135,7 +132,7 @@ def simulate_ensemble(
         is the whole past: a disturbance is one of coordinates and velocities at t = 0, its own past
         is scaled with it, and "all" are the 2 n_dof largest exponents of infinitely many.
     sample_every : int
-        Steps between the samples of amplitudes, and of statistics where these are sampled.
+        Steps between the samples of amplitudes.
     n_threads : int
         Default: as many as there are processors. Results do not depend on it, to the last bit.
     progress : bool
@@ -183,7 +180,7 @@ def simulate_ensemble(
         every,
         threads,
     )
-    if job.statistics and _native.is_auto(dt) and not members.side_by_side:
+    if job.statistics:
         members.gathered_since = length.discarded
     n, error = length.steps(dt, members), None
     raw = job.run(n, progress)
@@ -349,7 +346,16 @@ class _Length:
     def discarded_steps(self, n: int) -> int:
         if self.periods is not None:
             return self.discarded_periods * (n // self.periods)
-        return math.ceil(self.discard / float(self.span[0]) * n * (1 - 1e-12))
+        return math.ceil(self._discarded_part(n) * (1 - 1e-12))
+
+    def ahead(self, n: int) -> float:
+        """How much of the last discarded step comes after the time that is left out."""
+        if self.periods is not None:
+            return 0.0
+        return max(0.0, self.discarded_steps(n) - self._discarded_part(n))
+
+    def _discarded_part(self, n: int) -> float:
+        return self.discard / float(self.span[0]) * n
 
 
 @dataclass(frozen=True)
@@ -448,6 +454,7 @@ class _Job:
             self.method,
             n_steps,
             self.length.discarded_steps(n_steps),
+            self.length.ahead(n_steps),
             self.every,
             0 if periods is None else n_steps // periods,
             n if self.statistics else 0,
@@ -479,7 +486,7 @@ def _refine(
         unlike = (coarse.ended != fine.ended) | (fine.ended == _COARSE)
         parts = np.abs(fine.state - coarse.state)
         along = np.zeros_like(parts)
-        if job.members.gathered_since is not None:
+        if job.statistics:
             along[both] = _changes_along(coarse, fine, both)
         # Of a state at 1e6 the time is what is known.
         parts[fine.ended == _DIVERGED] = 0.0
@@ -501,10 +508,9 @@ def _refine(
         ):
             located = LOCATED * float(np.maximum(fine.t_reached[stopped], 1.0).max(initial=0.0))
             error = max(change, rounding_of(alive), located)
-            sampled = job.statistics and job.members.gathered_since is None
-            if not sampled and fine.peak is not None:
+            if fine.peak is not None:
                 error = max(error, rounding_of(fine.peak[both]))
-            if (sampled or job.lines.size) and factor < _SAMPLED:
+            if job.lines.size and factor < _SAMPLED:
                 factor = _SAMPLED
                 fine = job.run(n * factor, progress)
             return fine, n * factor, error

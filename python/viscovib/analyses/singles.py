@@ -179,10 +179,9 @@ class SingleMembers(Members):
 
     def call(self, part: slice, *given: Any) -> tuple[Any, ...]:
         """Make some of the runs, one after another."""
-        h, _, n_steps, n_discard, every, section_every, moments, exponents, lines, *rest = given
+        h, _, n_steps, n_discard, _, every, section_every, _, exponents, lines, *rest = given
         cancel, sections = rest
-        sampled = moments > 0 and self.gathered_since is None
-        asked = _Asked(n_steps, n_discard, every, section_every, sampled, exponents, lines)
+        asked = _Asked(n_steps, n_discard, every, section_every, exponents, lines)
         found: list[_Gathered] = []
         for k, i in enumerate(range(part.start, part.stop)):
             if cancel[0]:
@@ -266,15 +265,13 @@ class _Asked:
     n_discard: int
     every: int
     section_every: int
-    #: Whether peaks and means are wanted of samples.
-    sampled: bool
     exponents: int
     lines: FloatArray
 
     @property
     def samples(self) -> bool:
         """Whether states are sampled on the way."""
-        return self.sampled or self.lines.size > 0
+        return self.lines.size > 0
 
     @property
     def stride(self) -> int:
@@ -291,9 +288,6 @@ class _Track:
         self.steps = 0
         self.n = 0
         self.parts: list[FloatArray] = []
-        self.peak: Any = 0.0
-        self.total: Any = 0.0
-        self.squares: Any = 0.0
         self.sums: Any = 0.0
         self.weight: Any = 0.0
         self.mean: Any = 0.0
@@ -311,36 +305,29 @@ class _Track:
         some = states[at % asked.every == 0]
         if not some.size:
             return
-        self.peak = np.maximum(self.peak, np.abs(some).max(axis=0))
-        self.total, self.squares = self.total + some.sum(axis=0), self.squares + (some**2).sum(0)
-        if asked.lines.size:
-            place = self.n + np.arange(some.shape[0])
-            n_samples = (asked.n_steps - asked.n_discard) // asked.every
-            # A Hann window that vanishes one sample before the first and one after the last.
-            window = np.sin(math.pi * (place + 1) / (n_samples + 1)) ** 2
-            times = self.h * (asked.n_discard + asked.every * (place + 1))
-            waves = window[:, np.newaxis] * np.exp(-1j * np.outer(times, asked.lines))
-            self.sums = self.sums + some[:, ::2].T @ waves
-            self.empty = self.empty + waves.sum(axis=0)
-            self.mean = self.mean + window @ some[:, ::2]
-            self.weight = self.weight + window.sum()
+        place = self.n + np.arange(some.shape[0])
+        n_samples = (asked.n_steps - asked.n_discard) // asked.every
+        # A Hann window that vanishes one sample before the first and one after the last.
+        window = np.sin(math.pi * (place + 1) / (n_samples + 1)) ** 2
+        times = self.h * (asked.n_discard + asked.every * (place + 1))
+        waves = window[:, np.newaxis] * np.exp(-1j * np.outer(times, asked.lines))
+        self.sums = self.sums + some[:, ::2].T @ waves
+        self.empty = self.empty + waves.sum(axis=0)
+        self.mean = self.mean + window @ some[:, ::2]
+        self.weight = self.weight + window.sum()
         self.n += some.shape[0]
 
     def result(self, width: int, stopped: bool) -> _Gathered:
         """What was gathered; of a motion that stopped what belongs to the whole is not known."""
         missing = np.full(width, math.nan)
-        peak, mean, rms = missing, missing, missing
-        if self.n and self.asked.sampled:
-            peak = np.asarray(self.peak)
-            mean, rms = self.total / self.n, np.sqrt(self.squares / self.n)
         lines = np.full((width // 2, self.asked.lines.size), math.nan, dtype=complex)
         if self.n and lines.size and not stopped:
             own = self.mean / self.weight
             lines = 2 * (self.sums - np.outer(own, self.empty)) / self.weight
         points = np.concatenate(self.parts) if self.parts else np.empty((0, width))
         return _Gathered(
-            missing, 0, 0.0, peak, mean, rms, lines, np.full(self.asked.exponents, math.nan),
-            points, np.empty(0),
+            missing, 0, 0.0, missing, missing, missing, lines,
+            np.full(self.asked.exponents, math.nan), points, np.empty(0),
         )  # fmt: skip
 
 

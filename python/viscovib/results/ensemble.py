@@ -42,8 +42,8 @@ class Ensemble(Result):
         Spacing of the states kept: the periods between ``sections``; NaN without, as only last
         states are kept.
     peak, mean, rms : ndarray, shape (n, 2 n_dof), or None
-        Largest size, mean and root mean square of the states sampled, or along the motion (see
-        ``statistics``); NaN of a run that stopped.
+        Largest size, mean and root mean square along the motion, between steps too; NaN of a run
+        that stopped.
     amplitudes : complex ndarray, shape (n, n_lines, n_dof), or None
         X of each coordinate at each frequency asked for: u = mean + Re(X exp(i omega t)); NaN, in
         both parts, of a run that stopped.

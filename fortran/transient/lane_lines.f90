@@ -1,7 +1,6 @@
-!> What is learnt from trajectories as they pass, without storing them: one
-!! accumulator a lane.
-module viscovib_lane_statistics
-  use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
+!> Amplitudes at given frequencies, learnt from trajectories as they pass, without storing them:
+!! one accumulator a lane.
+module viscovib_lane_lines
   use viscovib_constants, only: pi
   use viscovib_kinds, only: i8, wp
   use viscovib_lanes, only: max_dof, n_lanes
@@ -10,19 +9,7 @@ module viscovib_lane_statistics
   implicit none
   private
 
-  public :: moments_type, new_moments, lines_type, new_lines
-
-  !> Largest size, mean and mean square of states.
-  type :: moments_type
-    integer :: n_dof = 0
-    integer(i8) :: n(n_lanes) = 0
-    !> Lane, coordinate, and q or v.
-    real(wp), dimension(n_lanes, max_dof, 2) :: peak = 0.0_wp, total = 0.0_wp, squares = 0.0_wp
-    real(wp), dimension(n_lanes, max_dof, 2), private :: total_rest = 0.0_wp, squares_rest = 0.0_wp
-  contains
-    procedure :: add => add_moments
-    procedure :: means
-  end type moments_type
+  public :: lines_type, new_lines
 
   !> Amplitudes at given frequencies: u = mean + Re(X exp(i omega t)), by
   !! projection under a Hann window over the whole record.
@@ -39,69 +26,6 @@ module viscovib_lane_statistics
   end type lines_type
 
 contains
-
-  pure subroutine new_moments(moments, n_dof)
-    type(moments_type), intent(out) :: moments
-    integer, intent(in) :: n_dof
-    moments%n_dof = n_dof
-  end subroutine new_moments
-
-  !> Take in a sample; lanes that stand still are left out.
-  pure subroutine add_moments(self, q, v, alive)
-    class(moments_type), intent(inout) :: self
-    real(wp), intent(in) :: q(n_lanes, *), v(n_lanes, *)
-    logical, intent(in) :: alive(n_lanes)
-    real(wp) :: weight(n_lanes)
-    integer :: d
-
-    weight = merge(1.0_wp, 0.0_wp, alive)
-    self%n = self%n + nint(weight, i8)
-    do d = 1, self%n_dof
-      call add_one(q(1, d), weight, self%peak(:, d, 1), self%total(:, d, 1), &
-                   self%squares(:, d, 1), self%total_rest(:, d, 1), self%squares_rest(:, d, 1))
-      call add_one(v(1, d), weight, self%peak(:, d, 2), self%total(:, d, 2), &
-                   self%squares(:, d, 2), self%total_rest(:, d, 2), self%squares_rest(:, d, 2))
-    end do
-  end subroutine add_moments
-
-  !> One coordinate, in compensated summation.
-  pure subroutine add_one(x, weight, peak, total, squares, total_rest, squares_rest)
-    real(wp), intent(in) :: x(n_lanes), weight(n_lanes)
-    real(wp), dimension(n_lanes), intent(inout) :: peak, total, squares, total_rest, squares_rest
-    real(wp) :: part, new
-    integer :: l
-    !GCC$ unroll 1
-    do l = 1, n_lanes
-      part = weight(l)*x(l) + total_rest(l)
-      new = total(l) + part
-      total_rest(l) = part - (new - total(l))
-      total(l) = new
-      part = weight(l)*x(l)**2 + squares_rest(l)
-      new = squares(l) + part
-      squares_rest(l) = part - (new - squares(l))
-      squares(l) = new
-      part = weight(l)*abs(x(l))
-      if (part > peak(l)) peak(l) = part
-    end do
-  end subroutine add_one
-
-  !> Mean and root of the mean square, shape (n_lanes, n_dof, 2); without a sample these
-  !! and the peak are NaN.
-  pure subroutine means(self, mean, rms)
-    class(moments_type), intent(inout) :: self
-    real(wp), intent(out) :: mean(:, :, :), rms(:, :, :)
-    integer :: l
-    do l = 1, n_lanes
-      if (self%n(l) == 0) then
-        self%peak(l, :, :) = ieee_value(1.0_wp, ieee_quiet_nan)
-        mean(l, :, :) = ieee_value(1.0_wp, ieee_quiet_nan)
-        rms(l, :, :) = ieee_value(1.0_wp, ieee_quiet_nan)
-        cycle
-      end if
-      mean(l, :, :) = self%total(l, :self%n_dof, :)/self%n(l)
-      rms(l, :, :) = sqrt(self%squares(l, :self%n_dof, :)/self%n(l))
-    end do
-  end subroutine means
 
   !> Lines at circular frequencies omega from samples at start + i step, i = 0
   !! ... n_samples - 1; step differs from lane to lane.
@@ -167,4 +91,4 @@ contains
     end do
   end function amplitudes
 
-end module viscovib_lane_statistics
+end module viscovib_lane_lines
