@@ -17,11 +17,11 @@ module viscovib_transient_job
   private
 
   public :: transient_job, trajectory_type, run_maker
-  public :: run_transient, make_runs, first_steps
+  public :: run_transient, make_runs, first_steps, hopeless
 
   real(wp), parameter :: rounding = 1.0e-15_wp
   !> Relative error of the time of a stop inside a step.
-  real(wp), parameter :: located = 1.0e-12_wp
+  real(wp), parameter, public :: located = 1.0e-12_wp
   !> Halvings of the step before a tolerance is given up, and while two runs end unlike each
   !! other.
   integer, parameter :: min_halvings = 5, max_halvings = 12, max_unlike = 9

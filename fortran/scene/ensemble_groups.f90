@@ -4,7 +4,8 @@ module viscovib_ensemble_groups
   use viscovib_grids, only: linear_grid
   use viscovib_group_reader, only: group_reader
   use viscovib_kinds, only: wp
-  use viscovib_many_job, only: many_job, pendulum_numbers, system_numbers
+  use viscovib_many_job, only: many_job
+  use viscovib_many_runs, only: pendulum_numbers, system_numbers
   use viscovib_motion_groups, only: read_frequency
   use viscovib_status, only: show
   use viscovib_subject, only: subject_type

@@ -1,0 +1,431 @@
+!> Many motions of a pendulum or of a polynomial system without memory, eight side by side, in a
+!! step that is given or found. A motion whose steps may have missed a thin layer of a force is
+!! made again by itself, in parts that see it.
+module viscovib_many_runs
+  use viscovib_constants, only: pi
+  use viscovib_ensemble, only: ensemble_block, ensemble_job, run_block
+  use viscovib_explicit_tables, only: lane_methods
+  use viscovib_kinds, only: i8, wp
+  use viscovib_lane_motion, only: lane_motion_type, n_scales, new_lane_motion
+  use viscovib_lanes, only: n_lanes
+  use viscovib_load, only: load_type
+  use viscovib_method_catalogue, only: new_stepper, transient_methods
+  use viscovib_pendulum, only: new_pendulum, pendulum_parameters, pendulum_type
+  use viscovib_polynomial_motion, only: new_polynomial_motion, polynomial_motion_type
+  use viscovib_simulate, only: run_coarse, run_completed, run_diverged, simulate
+  use viscovib_status, only: fail, set_ok, show, status_input_error, status_type
+  use viscovib_stepper, only: stepper_type
+  use viscovib_subject, only: subject_type
+  use viscovib_transient_job, only: hopeless, located
+  use viscovib_watch, only: new_watch, watch_type
+  implicit none
+  private
+
+  public :: many_runs, many_motions
+
+  !> Numbers that vary: of a pendulum, and of a polynomial system (the scales in the order of the
+  !! lanes).
+  character(len=*), parameter, public :: pendulum_numbers(13) = &
+    [character(len=5) :: 'e', 'w2', 'w3', 'alpha', 'c1', 'c2', 'c3', 'f0', 'm01', 'm02', 'p1', &
+     'p2', 'p3']
+  character(len=*), parameter, public :: system_numbers(5) = &
+    [character(len=15) :: 'nu', 'load_scale', 'stiffness_scale', 'damping_scale', 'forces_scale']
+  integer, parameter :: of_nu = 1, of_load = 2, of_stiffness = 3, of_damping = 4
+  !> Halvings of the step before a tolerance is given up.
+  integer, parameter :: most_halvings = 12
+  !> Steps of a motion; numbers of one that is made by itself.
+  real(wp), parameter, public :: most_steps = 1.0e10_wp
+  integer(i8), parameter :: most_kept = 2_i8**27
+  !> A coordinate is compared to this part of the largest at least.
+  real(wp), parameter :: smallest = 1.0e-6_wp
+  !> Relative error with which equations of steps are solved.
+  real(wp), parameter :: solved = 1.0e-15_wp
+
+  !> What is to be made.
+  type :: many_runs
+    type(subject_type), pointer :: subject => null()
+    !> What varies, its place among the numbers (0: nothing), and its values.
+    integer :: place = 0
+    real(wp), allocatable :: values(:)
+    !> Starts, a column a motion, and how long each is.
+    real(wp), allocatable :: starts(:, :), spans(:)
+    !> Frequency of the load of a polynomial system, unless it varies.
+    real(wp) :: nu = 0.0_wp
+    !> Place in `lane_methods`.
+    integer :: method = 4
+    !> Periods of load `sections` in all and before anything is gathered; without sections 0, and
+    !! the time before anything is.
+    integer :: sections = 0, n_periods = 0, periods_before = 0
+    real(wp) :: discard = 0.0_wp
+    !> Whether peaks and means, and the largest exponent, are wanted.
+    logical :: moments = .false., lyapunov = .false.
+    !> Steps of the first runs, those that follow being shorter; 0: none yet.
+    integer(i8) :: n_first = 0
+  contains
+    procedure :: lay_out
+    procedure :: make
+    procedure :: refine
+    procedure, private :: frequency
+    procedure, private :: pendulum_of
+    procedure, private :: make_alone
+  end type many_runs
+
+  !> What was learnt, run last.
+  type :: many_motions
+    real(wp), allocatable :: state(:, :), peak(:, :), mean(:, :), rms(:, :)
+    real(wp), allocatable :: lyapunov(:), t_reached(:)
+    real(wp), allocatable :: sections(:, :, :)
+    integer, allocatable :: ended(:)
+    logical, allocatable :: missed(:)
+  end type many_motions
+
+contains
+
+  !> How long each motion is, and the fastest frequency of all.
+  subroutine lay_out(self, t_end, fastest, status)
+    class(many_runs), intent(inout) :: self
+    !> The time of each, if no periods are counted.
+    real(wp), intent(in) :: t_end
+    real(wp), intent(out) :: fastest
+    type(status_type), intent(out) :: status
+    type(pendulum_type) :: pendulum
+    type(polynomial_motion_type) :: motion
+    real(wp) :: omega(3), shapes(3, 3), frequency
+    integer :: i, n
+
+    call set_ok(status)
+    n = size(self%starts, 2)
+    self%spans = [(t_end, i=1, n)]
+    fastest = 0.0_wp
+    do i = 1, n
+      if (i == 1 .or. self%place > 0) then
+        if (self%subject%is_pendulum) then
+          call self%pendulum_of(i, pendulum, status)
+          if (status%failed()) return
+          call pendulum%natural_modes(omega, shapes)
+          fastest = max(fastest, maxval(omega), maxval(pendulum%drives))
+          frequency = pendulum%parameters%frequency(max(self%sections, 1))
+        else
+          frequency = self%frequency(i)
+          if (i == 1) then
+            call new_polynomial_motion(motion, self%subject%polynomial, self%subject%load, &
+                                       0.0_wp, status)
+            if (status%failed()) return
+            fastest = motion%fastest()*sqrt(max(1.0_wp, largest(of_stiffness))) &
+                      *max(1.0_wp, largest(of_damping))
+          end if
+          fastest = max(fastest, frequency*maxval([self%subject%load%orders, 1]))
+        end if
+      end if
+      if (self%n_periods == 0) cycle
+      if (.not. frequency > 0.0_wp) then
+        call fail(status, status_input_error, 'sections', 'sections = '//show(self%sections) &
+                  //': the frequency of that load must be greater than 0')
+        return
+      end if
+      self%spans(i) = self%n_periods*2.0_wp*pi/frequency
+    end do
+
+  contains
+
+    !> The largest value of a scale that varies, else 1.
+    pure real(wp) function largest(place)
+      integer, intent(in) :: place
+      largest = 1.0_wp
+      if (self%place == place) largest = maxval(abs(self%values))
+    end function largest
+
+  end subroutine lay_out
+
+  !> The frequency of the load of a polynomial system in motion i.
+  pure real(wp) function frequency(self, i)
+    class(many_runs), intent(in) :: self
+    integer, intent(in) :: i
+    frequency = self%nu
+    if (self%place == of_nu) frequency = self%values(i)
+  end function frequency
+
+  !> Pendulum i.
+  subroutine pendulum_of(self, i, pendulum, status)
+    class(many_runs), intent(in) :: self
+    integer, intent(in) :: i
+    type(pendulum_type), intent(out) :: pendulum
+    type(status_type), intent(out) :: status
+    type(pendulum_parameters) :: p
+
+    p = self%subject%pendulum%parameters
+    select case (self%place)
+    case (0)
+    case (1)
+      p%e = self%values(i)
+    case (2)
+      p%w2 = self%values(i)
+    case (3)
+      p%w3 = self%values(i)
+    case (4)
+      p%alpha = self%values(i)
+    case (5:7)
+      p%damping(self%place - 4) = self%values(i)
+    case (8:10)
+      p%load(self%place - 7) = self%values(i)
+    case default
+      p%frequency(self%place - 10) = self%values(i)
+    end select
+    call new_pendulum(pendulum, p, status)
+    if (status%failed()) status%subject = 'from'
+  end subroutine pendulum_of
+
+  !> All motions in n steps each.
+  subroutine make(self, n, many, status)
+    class(many_runs), intent(inout) :: self
+    integer(i8), intent(in) :: n
+    type(many_motions), intent(out) :: many
+    type(status_type), intent(out) :: status
+    type(ensemble_job) :: job
+    type(ensemble_block) :: block
+    type(lane_motion_type) :: motion
+    type(pendulum_type) :: pendulum
+    real(wp) :: own(size(self%starts, 1)/2, size(self%starts, 1)/2, 2), discarded
+    integer :: cancel, d, first, i, l, m, n_drives, points
+
+    call set_ok(status)
+    if (self%n_first == 0) self%n_first = n
+    m = size(self%starts, 2)
+    d = size(self%starts, 1)/2
+    cancel = 0
+    points = 0
+    n_drives = 2
+    if (self%subject%is_pendulum) n_drives = size(self%subject%pendulum%drives)
+    job%method = self%method
+    job%n_steps = n
+    job%moments = self%moments
+    job%n_exponents = merge(1, 0, self%lyapunov)
+    allocate (job%lines(0))
+    if (self%n_periods > 0) then
+      job%section_every = n/self%n_periods
+      job%n_discard = self%periods_before*job%section_every
+      points = self%n_periods - self%periods_before
+    else
+      discarded = self%discard/self%spans(1)*n
+      job%n_discard = ceiling(discarded*(1.0_wp - 1.0e-12_wp), i8)
+      job%ahead = max(0.0_wp, job%n_discard - discarded)
+    end if
+    allocate (many%state(2*d, m), many%peak(2*d, m), many%mean(2*d, m), many%rms(2*d, m), &
+              source=0.0_wp)
+    allocate (many%lyapunov(m), many%t_reached(m), source=0.0_wp)
+    allocate (many%ended(m), many%missed(m), many%sections(2*d, points, m))
+    if (.not. self%subject%is_pendulum) then
+      own(:, :, 1) = self%subject%polynomial%stiffness_at_rest()
+      own(:, :, 2) = self%subject%polynomial%damping
+      call new_lane_motion(motion, self%subject%polynomial, self%subject%load, own)
+    end if
+    do first = 1, m, n_lanes
+      block = ensemble_block()
+      allocate (block%q(n_lanes, d), block%v(n_lanes, d))
+      allocate (block%frequencies(n_lanes, n_drives))
+      allocate (block%sections(n_lanes, 2*d, points), source=0.0_wp)
+      do l = 1, n_lanes
+        i = min(first + l - 1, m)
+        block%q(l, :) = self%starts(1::2, i)
+        block%v(l, :) = self%starts(2::2, i)
+        block%h(l) = self%spans(i)/n
+        call set_lane(self, i, l, motion, pendulum, block%frequencies(l, :), status)
+        if (status%failed()) return
+      end do
+      if (self%subject%is_pendulum) then
+        call run_block(job, pendulum, block, cancel)
+      else
+        call run_block(job, motion, block, cancel)
+      end if
+      do l = 1, min(n_lanes, m - first + 1)
+        call take(block, l, many, first + l - 1)
+      end do
+    end do
+    do i = 1, m
+      if (.not. status%failed() .and. many%missed(i)) call self%make_alone(i, job, many, status)
+    end do
+  end subroutine make
+
+  !> The numbers of motion i in a lane, and the frequencies of its loads.
+  subroutine set_lane(self, i, l, motion, pendulum, frequencies, status)
+    type(many_runs), intent(in) :: self
+    integer, intent(in) :: i, l
+    type(lane_motion_type), intent(inout) :: motion
+    type(pendulum_type), intent(inout) :: pendulum
+    real(wp), intent(out) :: frequencies(:)
+    type(status_type), intent(out) :: status
+    type(pendulum_type) :: other
+    real(wp) :: scales(n_scales)
+
+    call set_ok(status)
+    if (self%subject%is_pendulum) then
+      call self%pendulum_of(i, other, status)
+      if (status%failed()) return
+      if (l == 1) pendulum = other
+      call pendulum%set_lane(l, other)
+      frequencies = other%drives
+    else
+      scales = 1.0_wp
+      if (self%place > of_nu) scales(self%place - 1) = self%values(i)
+      call motion%set_scales(l, scales)
+      frequencies = self%frequency(i)
+    end if
+  end subroutine set_lane
+
+  !> What a lane has learnt.
+  subroutine take(block, l, many, i)
+    type(ensemble_block), intent(in) :: block
+    integer, intent(in) :: l, i
+    type(many_motions), intent(inout) :: many
+
+    many%state(1::2, i) = block%q(l, :)
+    many%state(2::2, i) = block%v(l, :)
+    if (allocated(block%rms)) then
+      many%peak(1::2, i) = block%peak(l, :, 1)
+      many%peak(2::2, i) = block%peak(l, :, 2)
+      many%mean(1::2, i) = block%mean(l, :, 1)
+      many%mean(2::2, i) = block%mean(l, :, 2)
+      many%rms(1::2, i) = block%rms(l, :, 1)
+      many%rms(2::2, i) = block%rms(l, :, 2)
+    end if
+    if (size(block%lyapunov, 2) > 0) many%lyapunov(i) = block%lyapunov(l, 1)
+    many%t_reached(i) = block%t_reached(l)
+    many%ended(i) = block%outcome(l)
+    many%missed(i) = block%missed(l)
+    many%sections(:, :, i) = block%sections(l, :, :)
+  end subroutine take
+
+  !> Motion i by itself, in parts of steps that see thin layers of laws, which a polynomial system
+  !! has.
+  subroutine make_alone(self, i, job, many, status)
+    class(many_runs), intent(in) :: self
+    integer, intent(in) :: i
+    type(ensemble_job), intent(in) :: job
+    type(many_motions), intent(inout) :: many
+    type(status_type), intent(out) :: status
+    type(load_type) :: load
+    type(polynomial_motion_type) :: motion
+    class(stepper_type), allocatable :: stepper
+    real(wp), allocatable :: states(:, :)
+    type(watch_type) :: watch
+    real(wp) :: no_times(0), no_states(size(self%starts, 1), 0), h, since, length
+    integer(i8) :: every, made, k
+    integer :: n_reached
+
+    every = job%n_steps
+    if (job%section_every > 0) every = job%section_every
+    if (self%lyapunov) then
+      call fail(status, status_input_error, 'lyapunov', "lyapunov = 'yes': a law changes in a " &
+                //'layer thinner than a step: take dt below that, or a wider layer')
+    else if (job%n_steps/every > most_kept/size(self%starts, 1)) then
+      call fail(status, status_input_error, 'dt', 'dt: a law changes in a layer thinner than a ' &
+                //'step, and motions of '//show(real(job%n_steps, wp))//' steps are too long to ' &
+                //'be made in parts that see it: take a shorter run, or a wider layer')
+    else
+      load = self%subject%load
+      if (self%place == of_load) load%force = self%values(i)*load%force
+      call new_polynomial_motion(motion, self%subject%polynomial, load, self%frequency(i), status)
+    end if
+    if (status%failed()) return
+    h = self%spans(i)/job%n_steps
+    motion%longest = self%spans(i)/self%n_first
+    motion%thin = h/motion%longest
+    call new_stepper(stepper, motion, findloc(transient_methods, lane_methods(self%method), 1), &
+                     self%starts(1::2, i), self%starts(2::2, i), 0.0_wp, h, solved)
+    allocate (states(size(self%starts, 1), job%n_steps/every))
+    since = h*(job%n_discard - job%ahead)
+    length = h*job%n_steps - since
+    ! No events; peaks and means from a time on.
+    call new_watch(watch, [0.0_wp, since])
+    watch%extremes%wanted = self%moments
+    call simulate(stepper, motion, 0_i8, job%n_steps, every, no_times, states, no_states, made, &
+                  n_reached, many%t_reached(i), many%ended(i), watch=watch)
+    many%state(1::2, i) = stepper%q
+    many%state(2::2, i) = stepper%v
+    made = made/every
+    if (self%moments .and. allocated(watch%extremes%peak)) then
+      many%peak(:, i) = watch%extremes%peak
+      many%mean(:, i) = watch%extremes%total/length
+      many%rms(:, i) = sqrt(watch%extremes%squares/length)
+    end if
+    do k = 1, size(many%sections, 2)
+      associate (place => (job%n_discard + k*job%section_every)/every)
+        if (place <= made) many%sections(:, k, i) = states(:, place)
+      end associate
+    end do
+  end subroutine make_alone
+
+  !> Halve the step until last states, peaks and means stand still, as `simulate_ensemble` of Python does.
+  subroutine refine(self, n, absolute, relative, many, change, met, status)
+    class(many_runs), intent(inout) :: self
+    !> Steps to begin with; those that were enough, or vain.
+    integer(i8), intent(inout) :: n
+    !> Error allowed in them, and in parts of the largest of each coordinate.
+    real(wp), intent(in) :: absolute, relative
+    type(many_motions), intent(out) :: many
+    !> By how much the last halving changed any of them at most.
+    real(wp), intent(out) :: change
+    logical, intent(out) :: met
+    type(status_type), intent(out) :: status
+    type(many_motions) :: coarse
+    real(wp) :: changes(most_halvings)
+    integer :: i
+
+    met = .false.
+    change = huge(1.0_wp)
+    call self%make(n, coarse, status)
+    do i = 1, most_halvings
+      if (status%failed()) return
+      n = 2*n
+      call self%make(n, many, status)
+      if (status%failed()) return
+      call compare(coarse, many, absolute, relative, change, met)
+      changes(i) = change
+      if (met .or. hopeless(changes(:i))) return
+      coarse = many
+    end do
+  end subroutine refine
+
+  !> Whether motions in steps half as long tell the same, and how much they differ; where they do
+  !! tell the same, the error that rounding leaves is in the difference.
+  subroutine compare(coarse, fine, absolute, relative, change, met)
+    type(many_motions), intent(in) :: coarse, fine
+    real(wp), intent(in) :: absolute, relative
+    real(wp), intent(out) :: change
+    logical, intent(out) :: met
+    real(wp), dimension(size(fine%state, 1), size(fine%state, 2)) :: along, parts
+    real(wp) :: sizes(size(fine%state, 1)), tops(size(fine%state, 1)), moved(size(fine%ended)), late(size(fine%ended))
+    logical :: alive(size(fine%ended))
+    integer :: d
+
+    alive = coarse%ended == run_completed .and. fine%ended == run_completed
+    parts = abs(fine%state - coarse%state)
+    ! Of a state that has run away the time is what is known.
+    where (spread(fine%ended == run_diverged, 1, size(parts, 1))) parts = 0.0_wp
+    moved = abs(fine%t_reached - coarse%t_reached)
+    along = max(abs(fine%peak - coarse%peak), abs(fine%mean - coarse%mean), &
+                abs(fine%rms - coarse%rms))
+    where (.not. spread(alive, 1, size(parts, 1))) along = 0.0_wp
+    change = max(maxval(parts), maxval(along), maxval(moved))
+    met = .false.
+    if (any(coarse%ended /= fine%ended .or. fine%ended == run_coarse)) change = huge(1.0_wp)
+    if (.not. change < huge(1.0_wp)) return
+    do d = 1, size(sizes)
+      sizes(d) = maxval([0.0_wp, pack(abs(fine%state(d, :)), alive)])
+      tops(d) = maxval([0.0_wp, pack(fine%peak(d, :), alive)])
+    end do
+    sizes = absolute + relative*max(sizes, smallest*maxval(sizes))
+    tops = absolute + relative*max(tops, smallest*maxval(tops))
+    late = absolute + relative*fine%t_reached
+    met = all(moved <= late) .and. all(alive .or. maxval(parts, 1) <= late)
+    do d = 1, size(sizes)
+      met = met .and. all(.not. alive .or. (parts(d, :) <= sizes(d) .and. along(d, :) <= tops(d)))
+    end do
+    if (.not. met) return
+    change = max(change, 4.0_wp*epsilon(1.0_wp) &
+                 *maxval([0.0_wp, pack(maxval(max(abs(fine%state), fine%peak), 1), alive)]))
+    if (.not. all(alive)) change = max(change, located*max(1.0_wp, maxval(fine%t_reached, &
+                                                                          mask=.not. alive)))
+  end subroutine compare
+
+end module viscovib_many_runs
