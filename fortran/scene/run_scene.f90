@@ -2,7 +2,9 @@
 module viscovib_run_scene
   use viscovib_files, only: stem
   use viscovib_job, only: job_report, table_sink
+  use viscovib_namelist, only: namelist_type, read_namelist
   use viscovib_scene, only: scene_type
+  use viscovib_scene_groups, only: place_of
   use viscovib_status, only: fail, show, status_input_error, status_type
   use viscovib_table, only: table_type
   implicit none
@@ -41,12 +43,25 @@ contains
     if (status%failed()) status%message = place(scene, status%subject)//status%message
   end subroutine plan_scene
 
-  !> "path:line: ", the line of a key of what is wanted, or of its group.
+  !> "path:line: ", the line of a key of what is wanted, or of its group; of a text that stands for
+  !! the file, the line in the file, or none if it is not there.
   function place(scene, key)
     type(scene_type), intent(in) :: scene
     character(len=*), intent(in) :: key
     character(len=:), allocatable :: place
-    place = scene%path//':'//show(scene%asked%line_of(key))//': '
+    type(namelist_type) :: file
+    type(status_type) :: status
+    integer :: n
+
+    if (.not. scene%of_text) then
+      place = scene%path//':'//show(scene%asked%line_of(key))//': '
+      return
+    end if
+    place = scene%path//': '
+    call read_namelist(scene%path, file, status)
+    if (status%failed()) return
+    n = place_of(file, scene%asked%name)
+    if (n <= size(file%groups)) place = scene%path//':'//show(file%groups(n)%line_of(key))//': '
   end function place
 
   !> Compute what is wanted and write its tables into a folder.

@@ -37,6 +37,8 @@ module viscovib_scene
     integer :: sweep_line = 0
     !> The group of what is wanted, whose lines failures of the work are told with.
     type(group_type) :: asked
+    !> Whether it was read from a text that stands for the file, whose lines are others.
+    logical :: of_text = .false.
     !> The scene as it was understood, every default written out; reads back
     !! to the same numbers.
     character(len=:), allocatable :: canonical
@@ -58,6 +60,7 @@ contains
     character(len=:), allocatable :: unused
 
     scene%path = path
+    scene%of_text = present(text)
     call read_namelist(path, file, status, text)
     if (present(allow_paths)) file%groups%anywhere = allow_paths
     if (.not. status%failed()) call check_groups(file, scene%subject%is_pendulum, status)

@@ -22,7 +22,8 @@ module viscovib_scene_groups
                                                 result_name('multiple_scales', .true., .true.), &
                                                 result_name('modes', .true., .false.), &
                                                 result_name('transient', .true., .false.), &
-                                                result_name('ensemble', .true., .false.)]
+                                                result_name('ensemble', .true., .false.), &
+                                                result_name('basins', .true., .false.)]
 
   !> Other groups: those of a mount or a system of one's own, and those of any scene.
   character(len=*), parameter :: oscillator_groups(11) = &
@@ -76,12 +77,7 @@ contains
     name = file%groups(i)%name
     if (.not. (any(oscillator_groups == name) .or. any(other_groups == name) &
                .or. any(results%name == name))) then
-      if (name == 'basins') then
-        call refuse_at(file, i, '&basins: basins of attraction are computed by Python (basins)', &
-                       status)
-      else
-        call refuse_at(file, i, 'unknown group &'//clipped(name)//likely_group(name), status)
-      end if
+      call refuse_at(file, i, 'unknown group &'//clipped(name)//likely_group(name), status)
       return
     end if
     if (.not. any(repeatable == name) .and. place_of(file, name) < i) then

@@ -4,6 +4,8 @@
 module viscovib_scene_results
   use viscovib_backbone_groups, only: read_backbone, read_free, read_structure_backbone
   use viscovib_backbone_job, only: backbone_job
+  use viscovib_basins_groups, only: read_basins
+  use viscovib_basins_job, only: basins_job
   use viscovib_branch_groups, only: begin_body, begin_mount, read_branch
   use viscovib_branch_job, only: branch_job
   use viscovib_driven_groups, only: read_driven
@@ -70,6 +72,8 @@ contains
       allocate (modes_job :: job)
     case ('ensemble')
       call read_ensemble_job(reader, subject, job)
+    case ('basins')
+      call read_basins_job(reader, subject, job)
     case default
       call read_motion_job(reader, subject, job)
     end select
@@ -125,6 +129,17 @@ contains
     call read_ensemble(reader, subject, own)
     call move_alloc(own, job)
   end subroutine read_ensemble_job
+
+  subroutine read_basins_job(reader, subject, job)
+    type(group_reader), intent(inout) :: reader
+    type(subject_type), intent(in) :: subject
+    class(job_type), allocatable, intent(out) :: job
+    type(basins_job), allocatable :: own
+
+    allocate (own)
+    call read_basins(reader, subject, own)
+    call move_alloc(own, job)
+  end subroutine read_basins_job
 
   subroutine read_branch_job(reader, subject, job)
     type(group_reader), intent(inout) :: reader

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+import viscovib as vv
 from driver import read_csv
 from scipy.integrate import solve_ivp
 
@@ -123,3 +124,6 @@ def test_what_cannot_be_computed_is_told_with_its_line(solve, tmp_path, line, gr
     done = solve(scene, "--out", tmp_path)
     assert done.returncode == 2
     assert f"long.nml:{line}: " in done.stderr, done.stderr
+    with pytest.raises(vv.InputError) as told:
+        vv.run(scene)
+    assert done.stderr == f"viscovib-solve: {told.value}\n"

@@ -30,6 +30,12 @@ SEEDS = {
     "ensemble_of_pendulums": """&pendulum e=0.1 w2=0.4 w3=0.8 alpha=0.5 f0=0.002 p1=1.02 /
 &ensemble vary='f0' from=0.001 to=0.004 count=4 initial=0 0 0.1 0 0 0 t_end=5 discard=1 /
 """,
+    "basins": """&system coordinates='x' mass=1 stiffness=-1 damping=0.3 /
+&force on='x' law='x^3' /
+&load on='x' amplitude=0.2 /
+&basins vary='x' 'x_dot' from=-1 -1 to=1 1 count=2 3 nu=1.2 n_periods=12 initial=0 0 dt=0.1
+  max_period=2 tolerance=1e-3 coordinates='x' /
+""",
     "many_orders": """&system coordinates='x' mass=1 stiffness=1 damping=0.1 /
 &force law='0.1*x^3' /
 &load amplitude=0.3 /

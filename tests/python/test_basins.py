@@ -169,3 +169,18 @@ def test_bad_calls():
     ):
         with pytest.raises(vv.InputError, match=words):
             vv.basins(wells, starts, **given)
+
+
+def test_how_sure_labels_and_attractors_are():
+    """By how much a motion still changes, and what is left of a disturbance: closed forms."""
+    one = vv.PolynomialSystem(mass=1, stiffness=4, damping=0.2)
+    found = vv.basins(one, {"x": [0.0, 0.5], "x_dot": [1.0]}, t_end=120.0)
+    assert found.complete
+    # A disturbance falls like exp(-0.1 t), whatever its phase, times the ratio of its parts.
+    assert 0.3 * np.exp(-12) < found.rest[0] < 4 * np.exp(-12)
+    assert (found.moved < 2 * np.exp(-12)).all()
+    assert (found.moved > 1e-8).all()
+    away = vv.PolynomialSystem(mass=1, stiffness=1, damping=0.2, forces="-x^3")
+    found = vv.basins(away, {"x": [0.0, 2.0], "x_dot": [0.1]}, t_end=100.0)
+    np.testing.assert_array_equal(found.labels, [[0, -2]])
+    np.testing.assert_array_equal(np.isnan(found.moved), [[False, True]])

@@ -90,6 +90,16 @@ MORE = {
 &ensemble vary='load_scale' from=0.2 to=0.35 count=11 nu=1.2 initial=0.1 0.2 sections=1
   n_periods=30 discard=20 dt=0.1 lyapunov='yes' /
 """,
+    "basins": """&scene title='two wells' /
+&system coordinates='x' 'y' mass=1 1 stiffness=-1 1 damping=0.3 0.4 /
+&force on='x' law='x^3 + 0.1*(x - y)^3' /
+&force on='y' law='0.1*tanh(y - x)' /
+&basins vary='x' 'y_dot' from=-1.5 -1 to=1.4 1 count=6 5 initial=0 0.1 0.2 0 t_end=60
+  coordinates='y' /
+""",
+    "basins_of_a_pendulum": """&pendulum e=0.1 w2=0.4 w3=0.8 c1=0.1 c2=0.1 c3=0.1 f0=0.02 p1=0.8 /
+&basins vary='psi' 'z' from=-0.4 -0.1 to=0.4 0.1 count=3 2 n_periods=60 dt=0.25 max_period=3 /
+""",
     "pendulums": """&pendulum e=0.1 w2=0.4 w3=0.8 alpha=0.5 c1=0.01 c2=0.01 c3=0.01 p1=1.02 /
 &ensemble vary='f0' from=0.001 to=0.004 count=4 initial=0 0 0.1 0 0 0 t_end=20 discard=5
   coordinates='phi' /

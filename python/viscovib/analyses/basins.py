@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from viscovib import _native
-from viscovib._native import FloatArray
+from viscovib._native import FloatArray, core
 from viscovib.analyses.ensemble import simulate_ensemble
 from viscovib.analyses.transient import Acting, runs_of
 from viscovib.common.counts import things
@@ -26,7 +26,8 @@ from viscovib.systems.whole import whole_system
 if TYPE_CHECKING:
     import xarray as xr
 
-UNSETTLED, LEFT = -1, -2
+#: Label of what has not settled.
+UNSETTLED = -1
 _MOST_RUNS = 10_000_000
 #: Of which all coordinates are kept.
 _MOST_COORDINATES = 64
@@ -34,8 +35,8 @@ _MOST_COORDINATES = 64
 _FEW, _LONG = 6, 1e4
 #: Motions by which the step is found, and how exact they are.
 _PROBES, _PROBED = 16, 1e-6
-#: Disturbances by which an attractor is told from a saddle, and their negatives.
-_PUSHES = 3
+#: Motions beside an orbit, with it, by which an attractor is told from a saddle.
+_DISTURBED = 7
 #: What is left of a disturbance beside an attractor at most; how little a rest moves, of the scale.
 _NEARER, _STANDS = 0.5, 1e-12
 
@@ -55,6 +56,13 @@ class Basins(Result):
         system without a load its state of rest.
     share : ndarray, shape (n_attractors,)
         Part of the starts that settle on each.
+    rest : ndarray, shape (n_attractors,)
+        How sure an attractor is: the largest part of a small disturbance that is left after as
+        long again as the runs were (below 0.5, but where friction holds what it can).
+    moved : ndarray, shape (n_y, n_x)
+        How sure a label is: by how much the last period of a motion differs from the one before
+        (or the last state from that some time before), of the scale that ``tolerance`` has; NaN of
+        a run that did not reach its end.
     names : tuple of str
         What varies along x and y.
     x, y : ndarray
@@ -77,6 +85,8 @@ class Basins(Result):
     labels: npt.NDArray[np.intp]
     attractors: tuple[FloatArray, ...]
     share: FloatArray
+    rest: FloatArray
+    moved: FloatArray
     names: tuple[str, str]
     x: FloatArray
     y: FloatArray
@@ -107,7 +117,7 @@ class Basins(Result):
         import xarray as xr
 
         x, y = self.names
-        data: dict[str, Any] = {"label": ((y, x), self.labels)}
+        data: dict[str, Any] = {"label": ((y, x), self.labels), "moved": ((y, x), self.moved)}
         for i, states in enumerate(self.attractors):
             data[f"attractor{i}"] = ((f"period{i}", "quantity"), states)
         return xr.Dataset(data, coords={x: self.x, y: self.y})
@@ -222,21 +232,24 @@ def basins(
             more = simulate_ensemble(system, initial=run.state, t_end=0.1 * end, **(call | finer))
         points, most = np.stack([run.state, more.state], axis=1), 1
     ended = run.outcome == "completed"
-    scale = np.abs(np.concatenate([states, *points[ended]])).max(axis=0)
-    # Starts at rest that end at rest: what counts as slow follows from the displacements.
-    fastest = _fastest(system, call)
-    if fastest > 0:
-        pair = np.maximum(scale[::2], scale[1::2] / fastest)
-        scale = np.stack([pair, fastest * pair], axis=1).ravel()
-    labels, attractors, shown = _classes(points, ended, most, near, scale)
+    scale, labels, periods, moved, shown, n_orbits = core.basin_orbits(
+        states.T, np.transpose(points, (2, 1, 0)), ended, most, near, _fastest(system, call)
+    )
+    shown = shown[:n_orbits]
+    attractors = tuple(np.array(points[i, -periods[i] :]) for i in shown)
     begun = states[shown] if _remembers(system) else None
     if begun is not None and attractors and not _has_kernels(system):
         stop = _come_to_rest(system, begun, points[shown], attractors, scale, call | length)
         labels, attractors = _only(stop, labels, attractors)
         begun = begun[stop]
-    labels, attractors = _only_stable(system, labels, attractors, near, scale, call | length, begun)
+    good, rest = _stable(system, attractors, near, scale, call | length, begun)
+    labels, attractors = _only(good, labels, attractors)
     share = np.array([(labels == i).mean() for i in range(len(attractors))])
-    return Basins(labels.reshape(y.size, x.size), attractors, share, names, x, y, near, system)
+    shape = (y.size, x.size)
+    return Basins(
+        labels.reshape(shape).astype(np.intp), attractors, share, rest[good], moved.reshape(shape),
+        names, x, y, near, system,
+    )  # fmt: skip
 
 
 def _remembers(system: Any) -> bool:
@@ -272,57 +285,35 @@ def _fastest(system: Any, call: Mapping[str, Any]) -> float:
     return max(own, 0.0 if nu is None else _native.number("nu", nu))
 
 
-def _only_stable(
+def _stable(
     system: Pendulum | PolynomialSystem | Structure | Mount,
-    labels: npt.NDArray[np.intp],
     orbits: tuple[FloatArray, ...],
     near: float,
-    largest: FloatArray,
+    scale: FloatArray,
     call: Mapping[str, Any],
     starts: FloatArray | None,
-) -> tuple[npt.NDArray[np.intp], tuple[FloatArray, ...]]:
-    """Leave out motions that repeat but do not attract: disturbed a little they go elsewhere.
+) -> tuple[npt.NDArray[np.bool_], FloatArray]:
+    """Which motions that repeat attract, and the part that is left of a disturbance beside each.
 
-    A start may lie on a saddle, or on what leads to one. A motion may also creep: of what it has
-    left to go, a look sees a part. As long again as the run was, an attractor stays where it is,
-    and what is beside it comes nearer; what stands still to the last digits is at rest (friction
-    holds it anywhere, and neighbours stay where they are).
-
-    Where a state on the orbit is more than its numbers, what is disturbed is a start that settles
-    there (``starts``, one of each orbit); most must come back, as it may lie near a border. With
-    kernels they must come nearer, too.
+    The core's rules (``fortran/transient/basin_rules.f90``) tell it by motions as long again as the
+    run was. Where a state on the orbit is more than its numbers, what is disturbed is a start that
+    settles there (``starts``, one of each orbit).
     """
     if not orbits:
-        return labels, orbits
-    scale = np.maximum(largest, 1e-9 * max(float(largest.max()), 1e-290))
-    # No direction is special.
-    pushed = np.random.default_rng(1).uniform(0.5, 1.0, (_PUSHES, scale.size))
-    pushed *= np.resize([1.0, -1.0, -1.0], pushed.shape)
-    pushed = 3 * near * np.concatenate([np.zeros((1, scale.size)), pushed, -pushed])
+        return np.zeros(0, dtype=bool), np.zeros(0)
+    pushes = core.basin_disturbances(near, scale.size, _DISTURBED).T * scale
     places = [orbit[-1] for orbit in orbits] if starts is None else list(starts)
     run = simulate_ensemble(
-        system, initial=np.concatenate([place + pushed * scale for place in places]), **call
+        system, initial=np.concatenate([place + pushes for place in places]), **call
     )
-    completed = (run.outcome == "completed").reshape(len(orbits), -1)
-    ends = run.state.reshape(len(orbits), -1, scale.size) / scale
-    kernels = np.bool_(starts is not None and _has_kernels(system))
-    good = np.zeros(len(orbits), dtype=bool)
-    for i in range(len(orbits)):
-        if not completed[i].all():
-            continue
-        orbit = orbits[i] / scale
-        away = np.abs(ends[i][:, None] - orbit).max(axis=2).min(axis=1)
-        back = away[1:] <= 10 * near
-        # Of disturbances those that are left are beside where the motion itself has gone.
-        left = np.abs(ends[i][1:] - ends[i][0]).max(axis=1)
-        nearer = left <= _NEARER * np.abs(pushed[1:]).min(axis=1)
-        if starts is not None:
-            back &= nearer | ~kernels
-            good[i] = 2 * back.sum() > back.size
-        else:
-            settled = bool(nearer.all()) or bool(away[0] <= _STANDS)
-            good[i] = bool(back.all()) and bool(away[0] <= 2 * near) and settled
-    return _only(good, labels, orbits)
+    ends = run.state.reshape(len(orbits), _DISTURBED, scale.size)
+    ended = (run.outcome == "completed").reshape(len(orbits), _DISTURBED)
+    by_starts, kernels = starts is not None, starts is not None and _has_kernels(system)
+    judged = [
+        core.basin_judge(one.T, its, orbit.T, scale, near, by_starts, kernels)
+        for one, its, orbit in zip(ends, ended, orbits, strict=True)
+    ]
+    return np.array([x > 0 for x, _ in judged]), np.array([rest for _, rest in judged])
 
 
 def _come_to_rest(
@@ -330,14 +321,13 @@ def _come_to_rest(
     starts: FloatArray,
     points: FloatArray,
     orbits: tuple[FloatArray, ...],
-    largest: FloatArray,
+    scale: FloatArray,
     call: Mapping[str, Any],
 ) -> npt.NDArray[np.bool_]:
     """Which motions, one of each orbit, move less in a run twice as long, or stand still.
 
     Where friction holds what it can, neighbours stay where they are, and tell nothing of creeping.
     """
-    scale = np.maximum(largest, 1e-9 * max(float(largest.max()), 1e-290))
     longer = dict(call)
     if "t_end" in call:
         ends = []
@@ -408,47 +398,3 @@ def _grid(
     states[:, quantities.index(first)] = np.tile(x, y.size)
     states[:, quantities.index(second)] = np.repeat(y, x.size)
     return (first, second), x, y, states
-
-
-def _classes(
-    points: FloatArray,
-    ended: npt.NDArray[np.bool_],
-    most: int,
-    near: float,
-    largest: FloatArray,
-) -> tuple[npt.NDArray[np.intp], tuple[FloatArray, ...], npt.NDArray[np.intp]]:
-    """Label runs by the orbits that their last points, shape (n, n_points, width), repeat.
-
-    Also return which run shows each orbit: that which repeats best.
-    """
-    labels = np.where(ended, UNSETTLED, LEFT)
-    if not ended.any():
-        return labels, (), np.zeros(0, dtype=int)
-    scale = np.maximum(largest, 1e-9 * max(float(largest.max()), 1e-290))
-    own = points / scale
-    period = np.zeros(labels.size, dtype=int)
-    misses = np.full(labels.size, np.inf)
-    for p in range(most, 0, -1):
-        # The whole of the last period must repeat, not one state of it by chance.
-        apart = np.abs(own[:, -p:] - own[:, -2 * p : -p]).max(axis=(1, 2))
-        repeats = ended & (apart <= near)
-        period[repeats], misses[repeats] = p, apart[repeats]
-    orbits: list[FloatArray] = []
-    shown: list[int] = []
-    found = np.full(labels.size, UNSETTLED)
-    for p in range(1, most + 1):
-        left = np.flatnonzero(period == p)
-        left = left[np.argsort(misses[left], kind="stable")]
-        while left.size:
-            shown.append(int(left[0]))
-            orbit = points[left[0], -p:]
-            apart = np.abs(own[left, -1][:, None] - orbit / scale).max(axis=2).min(axis=1)
-            same = apart <= 10 * near
-            same[0] = True
-            found[left[same]] = len(orbits)
-            orbits.append(np.array(orbit))
-            left = left[~same]
-    order = np.argsort([-(found == i).sum() for i in range(len(orbits))], kind="stable")
-    for new, old in enumerate(order):
-        labels[found == old] = new
-    return labels, tuple(orbits[i] for i in order), np.array(shown, dtype=int)[order]

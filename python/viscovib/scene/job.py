@@ -199,9 +199,10 @@ def _by_core(scene: Scene, planned: Plan) -> SceneResult:
     """Let the core do all of it: the tables of the standalone driver, read back."""
     kinds = [name for name in scene.groups if name not in _SUBJECTS and scene.groups[name]]
     kinds.sort(key=lambda name: (name == "event", name == "spectrum"))
-    if scene.groups.get("ensemble", {}).get("sections"):
-        first, *more = run_tables(scene, ["ensemble", "ensemble_1"], planned)
-        return SceneResult(scene, first, switched=tuple(replace(x, kind="ensemble") for x in more))
+    many = next((name for name in ("basins", "ensemble") if name in scene.groups), None)
+    if many == "basins" or (many and scene.groups[many]["sections"]):
+        first, *more = run_tables(scene, [many, f"{many}_1"], planned)
+        return SceneResult(scene, first, switched=tuple(replace(x, kind=many) for x in more))
     first, *others = run_tables(scene, kinds, planned)
     beside = {table.kind: table for table in others}
     return SceneResult(scene, first, beside.get("spectrum"), beside.get("event"))

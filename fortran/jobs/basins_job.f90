@@ -1,0 +1,379 @@
+!> Basins of attraction: what motions of a pendulum or of a polynomial system without memory, from a
+!! grid of starts, settle on.
+module viscovib_basins_job
+  use viscovib_basin_rules, only: disturbances, find_orbits, has_left, judge_orbit, n_disturbed, &
+    unsettled
+  use viscovib_constants, only: pi
+  use viscovib_job, only: job_report, job_type, plan_unwanted, table_sink
+  use viscovib_kinds, only: i8, wp
+  use viscovib_lanes, only: n_lanes
+  use viscovib_many_runs, only: many_motions, many_runs, most_steps
+  use viscovib_polynomial_motion, only: new_polynomial_motion, polynomial_motion_type
+  use viscovib_simulate, only: run_completed, run_names
+  use viscovib_status, only: fail, set_ok, show, status_input_error, status_type, things
+  use viscovib_subject, only: name_length, subject_type
+  use viscovib_table, only: table_type
+  implicit none
+  private
+
+  public :: basins_job
+
+  !> Length of the name of a velocity, which ends in _dot.
+  integer, parameter, public :: length = name_length + 4
+  !> Motions by which the step is found, how exact they are, and over how many periods.
+  integer, parameter :: n_probes = 16
+  real(wp), parameter :: probed = 1.0e-6_wp, probed_periods = 3.0_wp
+  !> Part of the run after which a state without a load is looked at again.
+  real(wp), parameter :: again = 0.1_wp
+
+  type, extends(job_type) :: basins_job
+    !> What varies: two numbers of the state, their places in it, and their values.
+    character(len=length) :: names(2) = ''
+    integer :: places(2) = [1, 2]
+    real(wp), allocatable :: x(:), y(:)
+    !> The start in all else.
+    real(wp), allocatable :: initial(:)
+    !> Frequency of the load of a polynomial system.
+    real(wp) :: nu = 0.0_wp
+    !> Length of the runs: a time, or periods of load `sections` if that is not 0.
+    real(wp) :: t_end = 0.0_wp
+    integer :: n_periods = 0, sections = 0
+    !> The longest period looked for, and how near states are that count as the same.
+    integer :: max_period = 8
+    real(wp) :: tolerance = 1.0e-4_wp
+    !> Step, 0: found by some of the motions.
+    real(wp) :: dt = 0.0_wp
+  contains
+    procedure, nopass :: kind => this_kind
+    procedure :: plan => plan_basins
+    procedure :: run
+    procedure, private :: starts
+    procedure, private :: find_step
+    procedure, private :: make
+    procedure, private :: fastest_of
+  end type basins_job
+
+  !> What was found: of each start, and of each attractor.
+  type :: basins_type
+    integer, allocatable :: labels(:), ended(:)
+    real(wp), allocatable :: moved(:)
+    real(wp), allocatable :: rest(:)
+    !> Attractors by their points, those of the first one first, shape (width, n), and how many each
+    !! has.
+    real(wp), allocatable :: points(:, :)
+    integer, allocatable :: periods(:)
+    integer(i8) :: n_steps = 0
+  end type basins_type
+
+contains
+
+  pure function this_kind() result(kind)
+    character(len=:), allocatable :: kind
+    kind = 'basins'
+  end function this_kind
+
+  subroutine plan_basins(self, subject, text, status)
+    class(basins_job), intent(in) :: self
+    type(subject_type), intent(in), target :: subject
+    character(len=:), allocatable, intent(out) :: text
+    type(status_type), intent(out) :: status
+
+    call set_ok(status)
+    text = 'computes: '//things(size(self%x)*size(self%y), 'motion')//', '//trim(self%names(1)) &
+           //' = '//show(self%x(1))//' to '//show(self%x(size(self%x)))//', ' &
+           //trim(self%names(2))//' = '//show(self%y(1))//' to '//show(self%y(size(self%y))) &
+           //', '//show(n_lanes)//' side by side'//new_line('a')
+    if (self%dt > 0.0_wp) then
+      text = text//'skips: search for the step (it is given)'//new_line('a')
+    else
+      text = text//'computes: the step, by which some of the motions are exact to '//show(probed) &
+             //' over '//show(probed_periods)//' periods'//new_line('a')
+    end if
+    if (self%sections > 0) then
+      text = text//'computes: motions of up to '//things(self%max_period, 'period') &
+             //' of the load'//new_line('a')
+    else
+      text = text//'skips: motions that repeat (there is no load: states of rest)'//new_line('a')
+    end if
+    text = text//'computes: whether each of them attracts, by motions beside it'//new_line('a') &
+           //plan_unwanted('columns', subject, self%wanted)
+  end subroutine plan_basins
+
+  subroutine run(self, subject, sink, report, status)
+    class(basins_job), intent(in) :: self
+    type(subject_type), intent(in), target :: subject
+    class(table_sink), intent(inout) :: sink
+    type(job_report), intent(out) :: report
+    type(status_type), intent(out) :: status
+    type(basins_type) :: found
+    real(wp), allocatable :: states(:, :), points(:, :, :), scale(:)
+    integer, allocatable :: periods(:), shown(:)
+    logical, allocatable :: good(:)
+    real(wp) :: dt, fastest
+    integer :: n, n_orbits, most
+
+    call self%starts(size(subject%coordinates), states)
+    call self%fastest_of(subject, fastest, status)
+    if (status%failed()) return
+    dt = self%dt
+    if (.not. dt > 0.0_wp) call self%find_step(subject, states, fastest, dt, status)
+    if (.not. status%failed()) call self%make(subject, states, dt, points, found, status)
+    if (status%failed()) return
+    n = size(states, 2)
+    allocate (found%labels(n), found%moved(n), periods(n), shown(n), scale(size(states, 1)))
+    most = merge(self%max_period, 1, self%sections > 0)
+    call find_orbits(states, points, found%ended == run_completed, most, self%tolerance, fastest, &
+                     scale, found%labels, periods, found%moved, shown, n_orbits)
+    call judge_all(self, subject, points, shown(:n_orbits), periods, scale, dt, found, good, status)
+    if (.not. status%failed()) call put_tables(self, subject, states, found, sink, status)
+    if (status%failed()) return
+    report%complete = all(found%labels >= 0)
+    report%summary = things(size(found%rest), 'attractor')//', '//show(count(found%labels >= 0)) &
+                     //' of '//things(n, 'start')//' settle, ' &
+                     //things(int(min(found%n_steps, int(huge(1), i8))), 'step')//' each'
+  end subroutine run
+
+  !> All starts, x running faster.
+  subroutine starts(self, n_dof, states)
+    class(basins_job), intent(in) :: self
+    integer, intent(in) :: n_dof
+    real(wp), allocatable, intent(out) :: states(:, :)
+    integer :: i, j, k
+
+    allocate (states(2*n_dof, size(self%x)*size(self%y)))
+    k = 0
+    do j = 1, size(self%y)
+      do i = 1, size(self%x)
+        k = k + 1
+        states(:, k) = self%initial
+        states(self%places(1), k) = self%x(i)
+        states(self%places(2), k) = self%y(j)
+      end do
+    end do
+  end subroutine starts
+
+  !> Frequency of the fastest linear motion, or of a load.
+  subroutine fastest_of(self, subject, fastest, status)
+    class(basins_job), intent(in) :: self
+    type(subject_type), intent(in) :: subject
+    real(wp), intent(out) :: fastest
+    type(status_type), intent(out) :: status
+    type(polynomial_motion_type) :: motion
+    real(wp) :: omega(3), shapes(3, 3)
+
+    call set_ok(status)
+    if (subject%is_pendulum) then
+      call subject%pendulum%natural_modes(omega, shapes)
+      fastest = max(maxval(omega), maxval(subject%pendulum%drives))
+    else
+      call new_polynomial_motion(motion, subject%polynomial, subject%load, self%nu, status)
+      fastest = 0.0_wp
+      if (.not. status%failed()) fastest = max(motion%fastest(), self%nu)
+    end if
+  end subroutine fastest_of
+
+  !> The step that follows some of the motions over three periods of the fastest linear one.
+  subroutine find_step(self, subject, states, fastest, dt, status)
+    class(basins_job), intent(in) :: self
+    type(subject_type), intent(in), target :: subject
+    real(wp), intent(in) :: states(:, :), fastest
+    real(wp), intent(out) :: dt
+    type(status_type), intent(out) :: status
+    type(many_runs) :: runs
+    type(many_motions) :: many
+    real(wp) :: span, of_all, change
+    integer(i8) :: n
+    logical :: met
+
+    dt = 0.0_wp
+    if (.not. fastest > 0.0_wp) then
+      call fail(status, status_input_error, 'dt', 'dt: the system has no linear period, must be ' &
+                //'given')
+      return
+    end if
+    span = probed_periods*2.0_wp*pi/fastest
+    runs%subject => subject
+    runs%nu = self%nu
+    runs%starts = states(:, ::max(1, size(states, 2)/n_probes))
+    call runs%lay_out(span, of_all, status)
+    if (status%failed()) return
+    n = max(ceiling(span*of_all/(0.5_wp*pi), i8), 1_i8)
+    call runs%refine(n, 0.0_wp, probed, many, change, met, status)
+    if (status%failed()) return
+    if (.not. met) then
+      call fail(status, status_input_error, 'dt', 'dt: none follows the first periods of some of ' &
+                //'the motions to '//show(probed)//' (with '//show(real(n, wp))//' steps), must ' &
+                //'be given')
+      return
+    end if
+    dt = span/n
+    if (self%sections == 0) dt = min(dt, self%t_end)
+  end subroutine find_step
+
+  !> All motions, and the last points of each.
+  subroutine make(self, subject, states, dt, points, found, status)
+    class(basins_job), intent(in) :: self
+    type(subject_type), intent(in), target :: subject
+    real(wp), intent(in) :: states(:, :), dt
+    real(wp), allocatable, intent(out) :: points(:, :, :)
+    type(basins_type), intent(inout) :: found
+    type(status_type), intent(out) :: status
+    type(many_motions) :: many, more
+    integer(i8) :: n_more
+
+    call make_some(self, subject, states, self%t_end, dt, 2*self%max_period, many, found%n_steps, &
+                   status)
+    if (status%failed()) return
+    found%ended = many%ended
+    if (self%sections > 0) then
+      call move_alloc(many%sections, points)
+      return
+    end if
+    ! Of a short run a tenth may be less than a step.
+    call make_some(self, subject, many%state, again*self%t_end, &
+                   min(self%t_end/found%n_steps, again*self%t_end), 0, more, n_more, status)
+    if (status%failed()) return
+    allocate (points(size(states, 1), 2, size(states, 2)))
+    points(:, 1, :) = many%state
+    points(:, 2, :) = more%state
+  end subroutine make
+
+  !> Motions from some states, and of how many steps each is.
+  subroutine make_some(self, subject, states, t_end, dt, n_points, many, n, status)
+    type(basins_job), intent(in) :: self
+    type(subject_type), intent(in), target :: subject
+    real(wp), intent(in) :: states(:, :), t_end, dt
+    !> States that are kept at the last periods of the load.
+    integer, intent(in) :: n_points
+    type(many_motions), intent(out) :: many
+    integer(i8), intent(out) :: n
+    type(status_type), intent(out) :: status
+    type(many_runs) :: runs
+    real(wp) :: of_all, wanted
+    integer :: unit
+
+    n = 0
+    runs%subject => subject
+    runs%nu = self%nu
+    runs%starts = states
+    runs%sections = self%sections
+    runs%n_periods = self%n_periods
+    runs%periods_before = self%n_periods - n_points
+    unit = max(self%n_periods, 1)
+    call runs%lay_out(t_end, of_all, status)
+    if (status%failed()) return
+    wanted = runs%spans(1)/dt*(1.0_wp - 1.0e-12_wp)
+    if (wanted > most_steps) then
+      call fail(status, status_input_error, 'dt', 'dt: takes '//show(wanted) &
+                //' steps a motion, must be at most '//show(most_steps))
+      return
+    end if
+    n = unit*max(ceiling(ceiling(wanted, i8)/real(unit, wp), i8), 1_i8)
+    call runs%make(n, many, status)
+  end subroutine make_some
+
+  !> Leave out orbits that do not attract: what settles on them has not settled.
+  subroutine judge_all(self, subject, points, shown, periods, scale, dt, found, good, status)
+    class(basins_job), intent(in) :: self
+    type(subject_type), intent(in), target :: subject
+    real(wp), intent(in) :: points(:, :, :), scale(:), dt
+    !> Motions that show the orbits, and the period of each motion.
+    integer, intent(in) :: shown(:), periods(:)
+    type(basins_type), intent(inout) :: found
+    logical, allocatable, intent(out) :: good(:)
+    type(status_type), intent(out) :: status
+    type(many_motions) :: many
+    real(wp) :: pushes(size(scale), n_disturbed), rest(size(shown))
+    real(wp), allocatable :: beside(:, :)
+    integer :: new(has_left:size(shown) - 1), i, j, n
+    integer(i8) :: n_steps
+
+    call set_ok(status)
+    allocate (good(size(shown)), beside(size(scale), n_disturbed*size(shown)))
+    n = size(points, 2)
+    call disturbances(self%tolerance, pushes)
+    do i = 1, size(shown)
+      do j = 1, n_disturbed
+        beside(:, (i - 1)*n_disturbed + j) = points(:, n, shown(i)) + pushes(:, j)*scale
+      end do
+    end do
+    if (size(shown) > 0) then
+      call make_some(self, subject, beside, self%t_end, dt, 1, many, n_steps, status)
+      if (status%failed()) return
+    end if
+    new = unsettled
+    new(has_left) = has_left
+    n = 0
+    do i = 1, size(shown)
+      j = (i - 1)*n_disturbed
+      call judge_orbit(many%state(:, j + 1:j + n_disturbed), &
+                       many%ended(j + 1:j + n_disturbed) == run_completed, &
+                       points(:, size(points, 2) - periods(shown(i)) + 1:, shown(i)), scale, &
+                       self%tolerance, .false., .false., good(i), rest(i))
+      if (.not. good(i)) cycle
+      new(i - 1) = n
+      n = n + 1
+    end do
+    found%labels = new(found%labels)
+    found%rest = pack(rest, good)
+    found%periods = pack(periods(shown), good)
+    allocate (found%points(size(scale), sum(found%periods)))
+    n = 0
+    do i = 1, size(shown)
+      if (.not. good(i)) cycle
+      j = periods(shown(i))
+      found%points(:, n + 1:n + j) = points(:, size(points, 2) - j + 1:, shown(i))
+      n = n + j
+    end do
+  end subroutine judge_all
+
+  !> A row for each start; and one for each point of the attractors.
+  subroutine put_tables(self, subject, states, found, sink, status)
+    class(basins_job), intent(in) :: self
+    type(subject_type), intent(in), target :: subject
+    real(wp), intent(in) :: states(:, :)
+    type(basins_type), intent(in), target :: found
+    class(table_sink), intent(inout) :: sink
+    type(status_type), intent(out) :: status
+    type(table_type) :: table, attractors
+    real(wp) :: share(size(found%rest))
+    character(len=:), allocatable :: name
+    integer, dimension(size(found%points, 2)) :: which, place
+    integer :: i, j, k, n
+
+    call table%note('attractor: its number in the other table, -1: has not settled, -2: the run ' &
+                    //'did not reach its end; moved: change in a period (without a load in a ' &
+                    //'tenth of the run), of the scale of tolerance')
+    do i = 1, 2
+      call table%hold_reals(trim(self%names(i)), states(self%places(i), :))
+    end do
+    call table%add_integers('attractor', found%labels)
+    call table%add_words('outcome', found%ended, run_names)
+    call table%add_reals('moved', found%moved)
+    call sink%put(this_kind(), table, status)
+    if (status%failed()) return
+    n = 0
+    do i = 1, size(share)
+      k = found%periods(i)
+      which(n + 1:n + k) = i
+      place(n + 1:n + k) = [(j, j=1, k)]
+      n = n + k
+      share(i) = count(found%labels == i - 1)/real(size(found%labels), wp)
+    end do
+    call attractors%note('states of each attractor, a period of the load apart; share: part of ' &
+                         //'the starts that settle there; rest: part of a disturbance that is ' &
+                         //'left after a run as long again')
+    call attractors%hold_integers('attractor', which - 1)
+    call attractors%hold_integers('point', place)
+    call attractors%hold_reals('share', share(which))
+    call attractors%hold_reals('rest', found%rest(which))
+    do i = 1, size(self%wanted)
+      j = self%wanted(i)
+      name = trim(subject%coordinates(j))
+      call attractors%hold_reals(name, found%points(2*j - 1, :))
+      call attractors%hold_reals(name//'_dot', found%points(2*j, :))
+    end do
+    call sink%put(this_kind()//'_1', attractors, status)
+  end subroutine put_tables
+
+end module viscovib_basins_job
