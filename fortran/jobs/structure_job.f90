@@ -48,6 +48,7 @@ contains
     type(status_type), intent(out) :: status
     type(structure_runs) :: maker
     type(hereditary_job) :: own
+    real(wp) :: first(size(job%initial))
     integer :: i, n
 
     maker%system => system%polynomial_type
@@ -62,9 +63,9 @@ contains
         maker%base%amplitudes = spread(model%load%base, 1, 1)
       end if
     end associate
-    call set_start(maker, job, model)
+    call set_start(maker, job, model, first)
     n = size(places)
-    maker%first = [(job%initial(2*places(i) - 1:2*places(i)), i=1, n)]
+    maker%first = [(first(2*places(i) - 1:2*places(i)), i=1, n)]
     own = job
     if (allocated(job%watched)) then
       own%watched = renumbered(job%watched, size(model%base_direction), places)
@@ -140,11 +141,13 @@ contains
                                               model%base_direction)
   end subroutine set_base
 
-  !> The start relative to the base, by modes.
-  subroutine set_start(maker, job, model)
+  !> The start relative to the base, by modes; and as it is: what has no mass is where the others
+  !! put it.
+  subroutine set_start(maker, job, model, first)
     type(structure_runs), intent(inout) :: maker
     type(hereditary_job), intent(in) :: job
     type(structure_model), intent(in) :: model
+    real(wp), intent(out) :: first(:)
     type(base_motion_type) :: base
     complex(wp), allocatable :: z(:)
     real(wp), dimension(size(job%initial)/2) :: u, v
@@ -157,6 +160,13 @@ contains
     z = pole_state(model, maker%sections%others%poles, u, v)
     maker%q = [moved(u), real(z)]
     maker%v = [moved(v), aimag(z)]
+    first = job%initial
+    if (.not. any(model%rest%idle)) return
+    call model%rest%place_idle(u)
+    call model%rest%place_idle(v)
+    call base%add_to(0.0_wp, u, v)
+    first(1::2) = merge(u, first(1::2), model%rest%idle)
+    first(2::2) = merge(v, first(2::2), model%rest%idle)
 
   contains
 

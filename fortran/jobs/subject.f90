@@ -144,7 +144,7 @@ contains
   pure integer function n_modes(self)
     class(subject_type), intent(in) :: self
     n_modes = size(self%coordinates)
-    if (self%is_structure) n_modes = size(self%model%mass, 1)
+    if (self%is_structure) n_modes = self%model%rest%n_modes()
   end function n_modes
 
   !> Coordinates that tables have if nothing else is said: of many in a structure those at which

@@ -58,7 +58,7 @@ contains
     integer :: place
 
     call read_common(reader, coordinates, job, name)
-    call check_between(reader, 'mode', job%mode, 0, size(model%mass, 1) - 1)
+    call check_between(reader, 'mode', job%mode, 0, model%rest%n_modes() - 1)
     if (reader%status%failed()) return
     place = job%dof
     if (place == 0) call find_moving_most(model, job%mode, place, status)
@@ -80,7 +80,7 @@ contains
     integer, intent(in) :: mode
     integer, intent(out) :: place
     type(status_type), intent(out) :: status
-    real(wp) :: omega(size(model%mass, 1)), shapes(size(model%places, 1), size(model%mass, 1))
+    real(wp) :: omega(model%rest%n_modes()), shapes(size(model%places, 1), model%rest%n_modes())
     integer :: d
 
     place = 0

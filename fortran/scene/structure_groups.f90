@@ -111,7 +111,7 @@ contains
     character(len=name_length), allocatable, intent(out) :: coordinates(:), units(:)
     character(len=:), allocatable :: names
     character(len=name_length), allocatable :: own(:)
-    integer :: i, n, rows
+    integer :: i, n, n_modes, rows
 
     allocate (coordinates(0), units(0))
     call read_size(reader, n)
@@ -121,6 +121,7 @@ contains
     call read_matrix(reader, 'damping', .false., n, model%damping)
     if (reader%status%failed()) return
     call check_mass(reader, model%mass)
+    n_modes = count(any(abs(model%mass) > 0.0_wp, 2))
     call read_shapes(reader, n, model%places, names)
     if (reader%status%failed()) return
     rows = size(model%places, 1)
@@ -134,14 +135,17 @@ contains
     end if
     call read_units(reader, rows, units)
     model%modal%ratios = reader%read_reals('modal_damping', default=[0.0_wp])
-    if (size(model%modal%ratios) == 1) model%modal%ratios = [(model%modal%ratios(1), i=1, n)]
-    if (size(model%modal%ratios) /= n) then
+    if (size(model%modal%ratios) == 1) model%modal%ratios = [(model%modal%ratios(1), i=1, n_modes)]
+    if (size(model%modal%ratios) /= n_modes) then
       call reader%complain('modal_damping', 'modal_damping has '//show(size(model%modal%ratios)) &
-                           //' values: must be one, or '//show(n))
+                           //' values: must be one, or '//show(n_modes))
     end if
     model%modal%rayleigh = reader%read_reals('rayleigh', 2, [0.0_wp, 0.0_wp])
     model%modal%loss = reader%read_real('loss_factor', 0.0_wp)
     model%is_reduced = reader%has('shapes')
+    if (model%is_reduced .and. n_modes < n) then
+      call reader%complain('mass', 'mass: of a structure with shapes must be positive definite')
+    end if
     if (model%is_reduced) then
       call reader%refuse(['base_direction'], 'belongs to a structure in all its coordinates, not ' &
                          //'to one with shapes')
@@ -346,17 +350,16 @@ contains
     real(wp) :: l(size(mass, 1), size(mass, 1)), pivot
     integer :: i, j
 
-    do i = 1, size(mass, 1)
-      if (any(abs(mass(:, i)) > 0.0_wp)) cycle
-      call reader%complain('mass', 'mass: coordinate '//show(i)//' has none: must be positive ' &
-                           //'here; Structure of Python condenses such coordinates statically')
-      return
-    end do
+    if (.not. any(abs(mass) > 0.0_wp)) then
+      call reader%complain('mass', 'mass: must not be 0 everywhere')
+    end if
     l = 0.0_wp
     do j = 1, size(mass, 1)
+      if (.not. any(abs(mass(:, j)) > 0.0_wp)) cycle
       pivot = mass(j, j) - sum(l(j, :j - 1)**2)
       if (.not. pivot > 0.0_wp .or. .not. is_symmetric(mass)) then
-        call reader%complain('mass', 'mass: must be symmetric and positive definite')
+        call reader%complain('mass', 'mass: must be symmetric and positive definite, but for ' &
+                             //'coordinates without mass')
         return
       end if
       l(j, j) = sqrt(pivot)

@@ -69,12 +69,14 @@ contains
     call new_rest(model%rest, model%mass, damping, stiffness, model%places, model%modal, status)
     if (status%failed()) return
     call find_directions(model%elements, size(model%places, 1), model%directions)
+    call model%rest%refuse_on_idle(model%directions, 'element', '&element: a law or a kernel', &
+                                   status)
     q = size(model%directions, 2)
     if (q > max_coordinates) then
       call fail(status, status_input_error, 'element', '&element: '//show(q)//' deflections that ' &
                 //'are nonlinear or remember, must be at most '//show(max_coordinates))
-      return
     end if
+    if (status%failed()) return
     call put_laws(model%elements, q, size(kernels), p)
     if (size(p%coefficient) > most_terms) then
       call fail(status, status_input_error, 'element', '&element: '//show(size(p%coefficient)) &
@@ -108,7 +110,8 @@ contains
     call find_static(model, system, status)
     if (status%failed()) return
     call system%rest%complete()
-    if (size(model%rest%poles) > 0 .and. size(model%mass, 1) <= most_few) then
+    if (size(model%rest%poles) > 0 .and. size(model%mass, 1) <= most_few &
+        .and. .not. any(model%rest%idle)) then
       call keep_matrices(model, model%all_damping(), stiffness, system%few)
     end if
     call new_polynomial(system%polynomial_type, p, kernels, status)
@@ -176,7 +179,8 @@ contains
                                                                        'shapes', 'element', &
                                                                        'base_direction']))))
     do i = 1, size(model%mass, 1)
-      if (name == '' .and. model%mass(i, i) < 1.0_wp/largest) then
+      if (any(abs(model%mass(:, i)) > 0.0_wp) .and. name == '' &
+          .and. model%mass(i, i) < 1.0_wp/largest) then
         call fail(status, status_input_error, 'mass', 'mass: must be at least ' &
                   //show(1.0_wp/largest)//' of each coordinate')
         return
@@ -284,6 +288,8 @@ contains
     complex(wp) :: nothing(size(model%directions, 2))
     integer :: j, n
 
+    call model%rest%refuse_on_idle(abs(load%force), 'load', '&load: it', status)
+    if (status%failed()) return
     model%load = load
     n = size(load%orders)
     nothing = (0.0_wp, 0.0_wp)

@@ -1,6 +1,11 @@
 !> The linear rest of a structure by its modes: (M s^2 + C s + K)^-1 between some of its places.
+!!
+!! Coordinates without mass (0), on which nothing else pushes, follow the others (1) at once,
+!! u_0 = -K_00^-1 K_01 u_1, which leaves K_11 - K_10 K_00^-1 K_01 (Guyan, AIAA Journal 3 (1965) 380,
+!! exact here).
 module viscovib_structure_rest
   use viscovib_damped_modes, only: find_damped_modes
+  use viscovib_dense, only: factorize, solve
   use viscovib_kinds, only: wp
   use viscovib_status, only: fail, set_ok, show, status_input_error, status_type
   use viscovib_stiffness_ratio, only: hidden_modes, hidden_poles
@@ -28,6 +33,13 @@ module viscovib_structure_rest
     complex(wp), allocatable :: poles(:), left(:, :), right(:, :)
     !> Springs that rounding hides, a line; empty of others.
     character(len=:), allocatable :: hidden
+    !> Which coordinates have no mass, and what they are in terms of the others.
+    logical, allocatable :: idle(:)
+    real(wp), allocatable :: follow(:, :)
+  contains
+    procedure :: n_modes
+    procedure :: refuse_on_idle
+    procedure :: place_idle
   end type rest_type
 
 contains
@@ -40,11 +52,123 @@ contains
     real(wp), intent(in) :: places(:, :)
     type(modal_damping), intent(in) :: modal
     type(status_type), intent(out) :: status
+
+    call set_ok(status)
+    rest%idle = .not. any(abs(mass) > 0.0_wp, 2)
+    if (any(rest%idle)) then
+      call find_condensed(rest, mass, damping, stiffness, places, modal, status)
+    else
+      allocate (rest%follow(0, size(mass, 1)))
+      call find_modes(rest, mass, damping, stiffness, places, places, modal, status)
+    end if
+  end subroutine new_rest
+
+  !> The modes of what has mass; the places are where these and what follows them are.
+  subroutine find_condensed(rest, mass, damping, stiffness, places, modal, status)
+    type(rest_type), intent(inout) :: rest
+    real(wp), intent(in) :: mass(:, :), damping(:, :), stiffness(:, :), places(:, :)
+    type(modal_damping), intent(in) :: modal
+    type(status_type), intent(inout) :: status
+    real(wp), dimension(count(rest%idle), count(rest%idle)) :: inner, inverse
+    real(wp), dimension(count(.not. rest%idle), count(.not. rest%idle)) :: left
+    real(wp) :: carry(count(rest%idle), count(.not. rest%idle))
+    real(wp), dimension(size(places, 1), count(.not. rest%idle)) :: whole, pushed
+    integer :: kept(count(.not. rest%idle)), gone(count(rest%idle)), pivots(count(rest%idle))
+    character(len=:), allocatable :: without
+    integer :: i, m
+    logical :: singular
+
+    gone = pack([(i, i=1, size(mass, 1))], rest%idle)
+    kept = pack([(i, i=1, size(mass, 1))], .not. rest%idle)
+    m = size(gone)
+    do i = m, 1, -1
+      if (any(abs(damping(:, gone(i))) > 0.0_wp) .or. any(abs(damping(gone(i), :)) > 0.0_wp)) then
+        call fail(status, status_input_error, 'damping', 'damping: coordinate '//show(gone(i)) &
+                  //' has no mass, and must not have damping either')
+      end if
+    end do
+    without = ' damps coordinate '//show(gone(1))//', which has no mass: must be 0 here; ' &
+              //'Structure of Python takes it'
+    if (status%failed()) return
+    if (abs(modal%rayleigh(2)) > 0.0_wp) then
+      call fail(status, status_input_error, 'rayleigh', 'rayleigh: its factor of the stiffness' &
+                //without)
+    else if (abs(modal%loss) > 0.0_wp) then
+      call fail(status, status_input_error, 'loss_factor', 'loss_factor: it'//without)
+    end if
+    if (status%failed()) return
+    inner = stiffness(gone, gone)
+    inverse = 0.0_wp
+    call factorize(m, inner, pivots, singular)
+    do i = 1, merge(0, m, singular)
+      inverse(i, i) = 1.0_wp
+      call solve(m, inner, pivots, inverse(:, i))
+    end do
+    if (.not. singular) singular = norm(stiffness(gone, gone))*norm(inverse) > 1.0_wp/rounding
+    if (singular) then
+      call fail(status, status_input_error, 'mass', 'mass: a coordinate has neither mass nor ' &
+                //'stiffness')
+      return
+    end if
+    rest%follow = -matmul(inverse, stiffness(gone, kept))
+    carry = -matmul(transpose(inverse), transpose(stiffness(kept, gone)))
+    left = stiffness(kept, kept) + matmul(stiffness(kept, gone), rest%follow)
+    ! Rounding must not take symmetry away.
+    if (is_symmetric(stiffness)) left = 0.5_wp*(left + transpose(left))
+    whole = places(:, kept) + matmul(places(:, gone), rest%follow)
+    pushed = places(:, kept) + matmul(places(:, gone), carry)
+    call find_modes(rest, mass(kept, kept), damping(kept, kept), left, whole, pushed, modal, status)
+
+  contains
+
+    !> Largest sum of a column.
+    pure real(wp) function norm(matrix)
+      real(wp), intent(in) :: matrix(:, :)
+      norm = maxval(sum(abs(matrix), 1))
+    end function norm
+
+  end subroutine find_condensed
+
+  pure integer function n_modes(self)
+    class(rest_type), intent(in) :: self
+    n_modes = size(self%squares) + size(self%poles)/2
+  end function n_modes
+
+  !> Fail if something that has other answers than the modes' acts on a coordinate without mass.
+  subroutine refuse_on_idle(self, forces, subject, what, status)
+    class(rest_type), intent(in) :: self
+    !> On the coordinates, shape (n, n_forces).
+    real(wp), intent(in) :: forces(:, :)
+    character(len=*), intent(in) :: subject, what
+    type(status_type), intent(out) :: status
+    integer :: i
+
+    call set_ok(status)
+    if (.not. any(self%idle)) return
+    i = findloc(self%idle .and. any(abs(forces) > 0.0_wp, 2), .true., 1)
+    if (i > 0) call fail(status, status_input_error, subject, what//' acts on coordinate ' &
+                         //show(i)//', which has no mass: must be one with mass here; ' &
+                         //'Structure of Python takes it')
+  end subroutine refuse_on_idle
+
+  !> Put coordinates without mass where the others want them.
+  pure subroutine place_idle(self, u)
+    class(rest_type), intent(in) :: self
+    real(wp), intent(inout) :: u(:)
+    if (any(self%idle)) u = unpack(matmul(self%follow, pack(u, .not. self%idle)), self%idle, u)
+  end subroutine place_idle
+
+  subroutine find_modes(rest, mass, damping, stiffness, places, pushed, modal, status)
+    type(rest_type), intent(inout) :: rest
+    real(wp), intent(in) :: mass(:, :), damping(:, :), stiffness(:, :)
+    !> Places in terms of the coordinates; what forces at the places are on them.
+    real(wp), intent(in) :: places(:, :), pushed(:, :)
+    type(modal_damping), intent(in) :: modal
+    type(status_type), intent(inout) :: status
     real(wp), dimension(size(mass, 1), size(mass, 1)) :: shapes, seen, pulled
     real(wp) :: squares(size(mass, 1)), rates(size(mass, 1)), off
     integer :: i, n
 
-    call set_ok(status)
     n = size(mass, 1)
     rest%hidden = ''
     if (is_symmetric(stiffness) .and. is_symmetric(damping)) then
@@ -81,13 +205,13 @@ contains
                 //' here; Structure of Python takes more')
     else
       call find_coupled(rest, mass, damping + modal%rayleigh(1)*mass &
-                        + modal%rayleigh(2)*stiffness, stiffness, places, status)
+                        + modal%rayleigh(2)*stiffness, stiffness, places, pushed, status)
     end if
-  end subroutine new_rest
+  end subroutine find_modes
 
-  subroutine find_coupled(rest, mass, damping, stiffness, places, status)
+  subroutine find_coupled(rest, mass, damping, stiffness, places, pushed, status)
     type(rest_type), intent(inout) :: rest
-    real(wp), intent(in) :: mass(:, :), damping(:, :), stiffness(:, :), places(:, :)
+    real(wp), intent(in) :: mass(:, :), damping(:, :), stiffness(:, :), places(:, :), pushed(:, :)
     type(status_type), intent(inout) :: status
     complex(wp) :: left(size(mass, 1), 2*size(mass, 1)), right(size(mass, 1), 2*size(mass, 1))
     real(wp) :: slowest, fastest
@@ -116,7 +240,7 @@ contains
     end if
     rest%hidden = hidden_poles(rest%poles, left, right, stiffness)
     rest%left = matmul(places, left)
-    rest%right = matmul(places, right)
+    rest%right = matmul(pushed, right)
     allocate (rest%squares(0), rest%rates(0), rest%losses(0), rest%shapes(size(places, 1), 0))
   end subroutine find_coupled
 

@@ -19,7 +19,8 @@ module viscovib_whole_structure
 
 contains
 
-  !> Whether it is small, without memory or moving base, and has laws with kinks or jumps.
+  !> Whether it is small, without memory or moving base, all with mass, and has laws with kinks or
+  !! jumps.
   pure logical function switches(model)
     type(structure_model), intent(in) :: model
     integer :: i, j
@@ -27,7 +28,7 @@ contains
     switches = .false.
     if (model%is_reduced .or. size(model%mass, 1) > max_dof) return
     if (abs(model%modal%loss) > 0.0_wp .or. any(model%elements%kernel > 0)) return
-    if (model%load%moves_base()) return
+    if (model%load%moves_base() .or. any(model%rest%idle)) return
     do i = 1, size(model%elements)
       do j = 1, size(model%elements(i)%laws)
         switches = switches .or. any(branches(model%elements(i)%laws(j)%program%code))
