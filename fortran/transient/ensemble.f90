@@ -1,7 +1,8 @@
 !> Many trajectories of one kind of system, eight at a time in the lanes; what is
 !! learnt from them is gathered as they pass.
 module viscovib_ensemble
-  use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
+  use, intrinsic :: ieee_arithmetic, only: ieee_all, ieee_get_halting_mode, ieee_quiet_nan, &
+    ieee_set_flag, ieee_set_halting_mode, ieee_value
   use viscovib_driven_system, only: differentiable_system_type, driven_system_type
   use viscovib_explicit, only: explicit_type, new_explicit
   use viscovib_kinds, only: i8, wp
@@ -108,9 +109,13 @@ contains
     type(layer_watch) :: layers(n_lanes)
     integer(i8) :: i
     integer :: n
+    logical :: halting(size(ieee_all))
 
     n = motion%n_dof
     call flushing%begin()
+    ! Within a step a motion may leave the range of numbers, which is told by what comes out.
+    call ieee_get_halting_mode(ieee_all, halting)
+    call ieee_set_halting_mode(ieee_all, .false.)
     call take_off(f, job, system, n, block)
     call watch_layers(f, motion, block, 0_i8, layers)
     do i = 1, job%n_steps
@@ -134,6 +139,8 @@ contains
       end if
     end do
     call land(f, job, block)
+    call ieee_set_flag(ieee_all, .false.)
+    call ieee_set_halting_mode(ieee_all, halting)
   end subroutine run
 
   !> Which lanes may have missed a thin layer of a force until step i.
