@@ -7,7 +7,7 @@ module viscovib_basins_job
   use viscovib_job, only: job_report, job_type, plan_unwanted, table_sink
   use viscovib_kinds, only: i8, wp
   use viscovib_lanes, only: n_lanes
-  use viscovib_many_runs, only: many_motions, many_runs, most_steps
+  use viscovib_many_runs, only: many_motions, many_runs
   use viscovib_polynomial_motion, only: new_polynomial_motion, polynomial_motion_type
   use viscovib_simulate, only: run_completed, run_names
   use viscovib_status, only: fail, set_ok, show, status_input_error, status_type, things
@@ -249,8 +249,7 @@ contains
     integer(i8), intent(out) :: n
     type(status_type), intent(out) :: status
     type(many_runs) :: runs
-    real(wp) :: of_all, wanted
-    integer :: unit
+    real(wp) :: of_all
 
     n = 0
     runs%subject => subject
@@ -259,17 +258,13 @@ contains
     runs%sections = self%sections
     runs%n_periods = self%n_periods
     runs%periods_before = self%n_periods - n_points
-    unit = max(self%n_periods, 1)
     call runs%lay_out(t_end, of_all, status)
-    if (status%failed()) return
-    wanted = runs%spans(1)/dt*(1.0_wp - 1.0e-12_wp)
-    if (wanted > most_steps) then
-      call fail(status, status_input_error, 'dt', 'dt: takes '//show(wanted) &
-                //' steps a motion, must be at most '//show(most_steps))
-      return
+    if (.not. status%failed() .and. dt > runs%spans(1)) then
+      call fail(status, status_input_error, 'dt', 'dt = '//show(dt)//': must not exceed the ' &
+                //'length of the runs, '//show(runs%spans(1)))
     end if
-    n = unit*max(ceiling(ceiling(wanted, i8)/real(unit, wp), i8), 1_i8)
-    call runs%make(n, many, status)
+    if (.not. status%failed()) call runs%steps_of(dt, n, status)
+    if (.not. status%failed()) call runs%make(n, many, status)
   end subroutine make_some
 
   !> Leave out orbits that do not attract: what settles on them has not settled.

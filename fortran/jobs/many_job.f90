@@ -5,7 +5,7 @@ module viscovib_many_job
   use viscovib_job, only: job_report, job_type, plan_unwanted, table_sink
   use viscovib_kinds, only: i8, wp
   use viscovib_lanes, only: n_lanes
-  use viscovib_many_runs, only: many_motions, many_runs, most_steps
+  use viscovib_many_runs, only: many_motions, many_runs
   use viscovib_simulate, only: run_completed, run_names
   use viscovib_status, only: fail, set_ok, show, status_input_error, status_type, things
   use viscovib_subject, only: subject_type
@@ -83,25 +83,21 @@ contains
     type(status_type), intent(out) :: status
     type(many_runs) :: runs
     type(many_motions) :: many
-    real(wp) :: fastest, wanted, change
+    real(wp) :: fastest, change
     integer(i8) :: n
-    integer :: unit
     logical :: met
 
     call lay_out(self, subject, runs, fastest, status)
     if (status%failed()) return
-    unit = max(self%n_periods, 1)
-    if (self%dt > 0.0_wp) then
-      wanted = maxval(runs%spans)/self%dt*(1.0_wp - 1.0e-12_wp)
+    if (self%dt > maxval(runs%spans)) then
+      call fail(status, status_input_error, 'dt', 'dt = '//show(self%dt)//': must not exceed the ' &
+                //'length of the runs, '//show(maxval(runs%spans)))
+    else if (self%dt > 0.0_wp) then
+      call runs%steps_of(self%dt, n, status)
     else
-      wanted = maxval(runs%spans)*fastest/(0.5_wp*pi)
+      call runs%steps_of(0.5_wp*pi/fastest, n, status)
     end if
-    if (wanted > most_steps) then
-      call fail(status, status_input_error, 'dt', 'dt: takes '//show(wanted) &
-                //' steps a motion, must be at most '//show(most_steps))
-      return
-    end if
-    n = unit*max(ceiling(wanted/unit, i8), 1_i8)
+    if (status%failed()) return
     if (self%dt > 0.0_wp) then
       call runs%make(n, many, status)
       change = -1.0_wp

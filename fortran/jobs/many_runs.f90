@@ -34,7 +34,7 @@ module viscovib_many_runs
   !> Halvings of the step before a tolerance is given up.
   integer, parameter :: most_halvings = 12
   !> Steps of a motion; numbers of one that is made by itself.
-  real(wp), parameter, public :: most_steps = 1.0e10_wp
+  real(wp), parameter :: most_steps = 1.0e10_wp
   integer(i8), parameter :: most_kept = 2_i8**27
   !> A coordinate is compared to this part of the largest at least.
   real(wp), parameter :: smallest = 1.0e-6_wp
@@ -63,6 +63,7 @@ module viscovib_many_runs
     integer(i8) :: n_first = 0
   contains
     procedure :: lay_out
+    procedure :: steps_of
     procedure :: make
     procedure :: refine
     procedure, private :: frequency
@@ -136,6 +137,27 @@ contains
     end function largest
 
   end subroutine lay_out
+
+  !> Steps of each motion of a given length, so many in each period that is counted.
+  subroutine steps_of(self, dt, n, status)
+    class(many_runs), intent(in) :: self
+    real(wp), intent(in) :: dt
+    integer(i8), intent(out) :: n
+    type(status_type), intent(out) :: status
+    real(wp) :: wanted
+    integer :: unit
+
+    call set_ok(status)
+    n = 0
+    unit = max(self%n_periods, 1)
+    wanted = maxval(self%spans)/dt*(1.0_wp - 1.0e-12_wp)
+    if (wanted > most_steps) then
+      call fail(status, status_input_error, 'dt', 'dt: takes '//show(wanted) &
+                //' steps a motion, must be at most '//show(most_steps))
+    else
+      n = unit*max(ceiling(wanted/unit, i8), 1_i8)
+    end if
+  end subroutine steps_of
 
   !> The frequency of the load of a polynomial system in motion i.
   pure real(wp) function frequency(self, i)
@@ -355,7 +377,8 @@ contains
     end do
   end subroutine make_alone
 
-  !> Halve the step until last states, peaks and means stand still, as `simulate_ensemble` of Python does.
+  !> Halve the step until last states, peaks and means stand still, as `simulate_ensemble` of
+  !! Python does.
   subroutine refine(self, n, absolute, relative, many, change, met, status)
     class(many_runs), intent(inout) :: self
     !> Steps to begin with; those that were enough, or vain.
@@ -394,7 +417,8 @@ contains
     real(wp), intent(out) :: change
     logical, intent(out) :: met
     real(wp), dimension(size(fine%state, 1), size(fine%state, 2)) :: along, parts
-    real(wp) :: sizes(size(fine%state, 1)), tops(size(fine%state, 1)), moved(size(fine%ended)), late(size(fine%ended))
+    real(wp), dimension(size(fine%state, 1)) :: sizes, tops
+    real(wp), dimension(size(fine%ended)) :: late, moved
     logical :: alive(size(fine%ended))
     integer :: d
 

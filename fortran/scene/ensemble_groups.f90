@@ -146,7 +146,9 @@ contains
     end if
     job%discard = reader%read_real('discard', 0.0_wp)
     if (reader%status%failed()) return
-    if (job%sections > 0) job%discard = ceiling(min(job%discard, 1.0e9_wp))
+    if (job%sections > 0 .and. job%discard >= 0.0_wp) then
+      job%discard = ceiling(min(job%discard, 1.0e9_wp))
+    end if
     if (job%discard < 0.0_wp .or. job%discard >= span) then
       call reader%complain('discard', 'discard = '//show(job%discard)//': must not be negative ' &
                            //'and less than the run, '//show(span))

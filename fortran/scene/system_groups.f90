@@ -129,7 +129,7 @@ contains
       word = reader%read_text('on', trim(coordinates(1)), coordinates, on)
     end if
     kernel = read_kernel_place(reader, n_kernels)
-    if (reader%has('law')) then
+    if (reader%has('law') .or. .not. (reader%has('coefficient') .or. reader%has('powers'))) then
       call reader%refuse([character(len=11) :: 'coefficient', 'powers'], 'the law says it ' &
                          //'already; give either law, or coefficient and powers')
       law = reader%read_text('law')

@@ -109,6 +109,7 @@ def test_what_has_not_settled_and_what_has_left(solve, tmp_path):
         (WELLS, "'x^3'", "'max(x, 0)'", "with smooth laws; others by Python (vv.basins)"),
         (WELLS, "stiffness=-1 damping=0.3", "", "the system has no linear period"),
         (DUFFING, "n_periods=150", "t_end=150", "n_periods under a load"),
+        (DUFFING, "n_periods=150", "n_periods=17 dt=80", "dt = 80: must not exceed the length"),
         (DUFFING, "n_periods=150", "n_periods=16", "n_periods = 16: must be more than twice"),
         (DUFFING, "n_periods=150", "n_periods=150 max_period=0", "must be 1 to 1000"),
         (DUFFING, "nu=1.4", "", "&basins lacks nu"),

@@ -113,7 +113,10 @@ def test_what_is_wrong_is_named(solve, tmp_path, changes, text):
     assert len(done.stderr.strip().splitlines()) == 1
 
 
-@pytest.mark.parametrize(("line", "group"), [(3, "t_end=10\ndt=1e-12 /"), (2, "t_end=1e12 /")])
+@pytest.mark.parametrize(
+    ("line", "group"),
+    [(2, "sections=1 n_periods=3 dt=16 /"), (3, "t_end=10\ndt=1e-12 /"), (2, "t_end=1e12 /")],
+)
 def test_what_cannot_be_computed_is_told_with_its_line(solve, tmp_path, line, group):
     scene = tmp_path / "long.nml"
     scene.write_text(
@@ -127,3 +130,22 @@ def test_what_cannot_be_computed_is_told_with_its_line(solve, tmp_path, line, gr
     with pytest.raises(vv.InputError) as told:
         vv.run(scene)
     assert done.stderr == f"viscovib-solve: {told.value}\n"
+
+
+def test_motions_that_run_away(solve, tmp_path):
+    """Within a step they leave the range of numbers: outcome and time are those of one motion."""
+    scene = tmp_path / "many.nml"
+    scene.write_text(
+        "&system coordinates='x' mass=1 stiffness=1 damping=0.05 /\n&force law='-x^3' /\n"
+        "&load amplitude=0.3 /\n"
+        "&ensemble vary='load_scale' from=1 to=2 count=2 nu=1.4 initial=3 0 t_end=20 /\n"
+    )
+    assert solve(scene, "--out", tmp_path).returncode == 1
+    table = read_csv(tmp_path / "many_ensemble.csv")
+    system = vv.Scene.read(scene).polynomial_system()
+    for scale, outcome, t in zip(
+        table["load_scale"], table["outcome"], table["t_reached"], strict=True
+    ):
+        run = vv.simulate(system, 20, initial=[3, 0], load=0.3 * scale, nu=1.4)
+        assert outcome == run.outcome == "diverged"
+        assert t == pytest.approx(run.t_reached, abs=1e-8)

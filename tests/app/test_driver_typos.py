@@ -66,6 +66,7 @@ TYPOS = {
             ("t_end=3", "t_end=3 discard=9", "discard = 9: must not be negative"),
             ("t_end=3", "t_end=3 dt=4", "dt = 4: must not exceed t_end = 3"),
             ("t_end=3", "t_end=3 sections=1", "&ensemble lacks n_periods"),
+            ("t_end=3", "sections=1 n_periods=3 discard=-0.5", "discard = -0.5: must not be neg"),
             ("nu=1.2", "", "&ensemble lacks nu"),
         ]
     },
@@ -83,6 +84,14 @@ TYPOS = {
         ]
     },
 }
+
+
+TYPOS |= {
+    "no law": (f"{SYSTEM}&force on='x' /\n{LOAD}&response nu=1 /\n", 2, "&force lacks law"),
+    "lew": (
+        f"{SYSTEM}&force on='x' lew='x^3' /\n{LOAD}&response nu=1 /\n", 2, "did you mean 'law'?",
+    ),
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("name", TYPOS)
