@@ -117,6 +117,21 @@ def test_random_tables_with_memory(memory):
         assert np.abs(run.state[-1] - coarse.state[-1]).max() < 2e-10
 
 
+def test_a_jump_inside_a_table_hides_no_corner():
+    """Two times next to each other make slopes so large that others are nothing beside them."""
+    rng = np.random.default_rng(6)
+    prony = vv.PronyKernel(weights=WEIGHTS, rates=RATES)
+    for i in range(12):
+        times = np.sort(rng.uniform(0, 9, 6))
+        j, gap = int(rng.integers(6)), 10 ** rng.uniform(-13, -9)
+        table = vv.LoadTable(
+            times=np.insert(times, j + 1, times[j] + gap), values=rng.normal(size=7)
+        )
+        memory = bool(i % 2)
+        run = vv.simulate(oscillator(prony if memory else None), 10, force=table)
+        assert np.abs(run.state[-1] - exact(table, 10, memory)).max() < 1e-10
+
+
 def test_order_is_kept_through_corners_and_jumps():
     table = vv.LoadTable(times=[0.777, 1.2345, 2.31], values=[1.0, -0.5, 0.8])
     right = reference(table, 4)
