@@ -1,6 +1,7 @@
 !> A motion known before t = 0: straight lines between displacements at times, the
 !! first one held before them. What springs remember of it is a polynomial on each
-!! piece, integrated with exact weights at any lag.
+!! piece, integrated with exact weights at any lag. A piece on which no polynomial stands for it,
+!! as where a law has a corner, is cut until one does.
 module viscovib_known_past
   use viscovib_kernel_holder, only: kernel_holder
   use viscovib_memory_channels, only: channels_type
@@ -12,9 +13,19 @@ module viscovib_known_past
 
   public :: known_past_type, new_known_past
 
-  !> Nodes of a piece, which make it exact to rounding for forces of any smoothness
-  !! that a step resolves.
-  integer, parameter :: nodes = 8
+  !> Nodes of a piece; places at which its polynomial is compared with what it stands for; how
+  !! many parts a piece is cut into at most.
+  integer, parameter :: nodes = 8, n_checks = 25, most_parts = 2000
+  !> What a part may be off by, times its length, relative to the size of the channel.
+  real(wp), parameter :: resolved = 1.0e-13_wp
+
+  !> From a displacement on, by a change in a length of time.
+  type :: line_type
+    real(wp) :: begin = 0.0_wp, length = 0.0_wp
+    real(wp), allocatable :: u(:), change(:)
+  contains
+    procedure :: remember
+  end type line_type
 
   type :: known_past_type
     type(collocation_type) :: table
@@ -36,35 +47,110 @@ contains
     real(wp), intent(in) :: times(:)
     !> Displacements, shape (n_dof, n+1).
     real(wp), intent(in) :: u(:, :)
-    real(wp) :: points(nodes + 2, size(u, 1) + system%n_rates()), w(nodes + 2, system%n_memory())
-    real(wp) :: bend(nodes + 2, system%n_memory())
-    integer :: c, d, i, n
+    type(line_type) :: lines(max(size(times) - 1, 0))
+    real(wp), allocatable :: cuts(:), g(:, :), size_of(:), low(:), high(:)
+    integer, allocatable :: line_of(:)
+    integer :: i, n
 
-    n = max(size(times) - 1, 0)
     call new_collocation(known_past%table, nodes)
+    allocate (low(0), high(0), line_of(0), g(nodes + 2, size(channels%kernel_of)))
+    size_of = abs(channels%held)
+    do i = 1, size(lines)
+      lines(i) = line_type(begin=times(i), length=times(i + 1) - times(i), u=u(:, i), &
+                           change=u(:, i + 1) - u(:, i))
+      call lines(i)%remember(system, channels, known_past%table%points, g)
+      size_of = max(size_of, maxval(abs(g), dim=1))
+    end do
+    do i = 1, size(lines)
+      call resolve(known_past%table, system, channels, lines(i), size_of, cuts)
+      n = size(cuts)
+      low = [low, cuts(:n - 1)]
+      high = [high, cuts(2:)]
+      line_of = [line_of, spread(i, 1, n - 1)]
+    end do
+    n = size(low)
     allocate (known_past%times(0:n), known_past%g(0:nodes + 1, size(channels%kernel_of), n))
     known_past%times = 0.0_wp
     if (n == 0) return
-    known_past%times(0:n) = times
+    known_past%times(0) = times(1)
     do i = 1, n
-      do d = 1, size(u, 1)
-        points(:, d) = u(d, i) + (u(d, i + 1) - u(d, i))*known_past%table%points
-      end do
-      do d = 1, system%n_rates()
-        points(:, size(u, 1) + d) = (u(system%rates(d), i + 1) - u(system%rates(d), i)) &
-                                    /(times(i + 1) - times(i))
-      end do
-      w = matmul(points(:, :size(u, 1)), transpose(system%gather))
-      bend = 0.0_wp
-      if (any(system%bent)) call system%deflection_remainder(points, bend)
-      do d = 1, system%n_memory()
-        if (system%bent(d)) w(:, d) = w(:, d) + bend(:, d)
-      end do
-      do c = 1, size(channels%kernel_of)
-        known_past%g(:, c, i) = matmul(w, channels%gather(c, :)) - channels%held(c)
-      end do
+      associate (line => lines(line_of(i)))
+        known_past%times(i) = line%begin + high(i)*line%length
+        if (high(i) >= 1.0_wp) known_past%times(i) = times(line_of(i) + 1)
+        call line%remember(system, channels, &
+                           low(i) + (high(i) - low(i))*known_past%table%points, g)
+        known_past%g(:, :, i) = g
+      end associate
     end do
   end subroutine new_known_past
+
+  !> Channels, less what was held, at parts of a line; shape (n, n_channels).
+  subroutine remember(self, system, channels, parts, g)
+    class(line_type), intent(in) :: self
+    class(oscillator_type), intent(in) :: system
+    type(channels_type), intent(in) :: channels
+    real(wp), intent(in) :: parts(:)
+    real(wp), intent(out) :: g(:, :)
+    real(wp) :: points(size(parts), size(self%u) + system%n_rates())
+    real(wp), dimension(size(parts), system%n_memory()) :: w, bend
+    integer :: d
+
+    do d = 1, size(self%u)
+      points(:, d) = self%u(d) + self%change(d)*parts
+    end do
+    do d = 1, system%n_rates()
+      points(:, size(self%u) + d) = self%change(system%rates(d))/self%length
+    end do
+    w = matmul(points(:, :size(self%u)), transpose(system%gather))
+    bend = 0.0_wp
+    if (any(system%bent)) call system%deflection_remainder(points, bend)
+    do d = 1, system%n_memory()
+      if (system%bent(d)) w(:, d) = w(:, d) + bend(:, d)
+    end do
+    g = matmul(w, transpose(channels%gather)) - spread(channels%held, 1, size(parts))
+  end subroutine remember
+
+  !> Parts of a line, from 0 to 1, each of which a polynomial stands for: halved until what it
+  !! is off by, times the length of the part, is rounding. A law with a corner or a jump leaves
+  !! so short a part around that place that it has no weight.
+  subroutine resolve(table, system, channels, line, size_of, cuts)
+    type(collocation_type), intent(in) :: table
+    class(oscillator_type), intent(in) :: system
+    type(channels_type), intent(in) :: channels
+    type(line_type), intent(in) :: line
+    !> Sizes of the channels, shape (n_channels).
+    real(wp), intent(in) :: size_of(:)
+    real(wp), allocatable, intent(out) :: cuts(:)
+    real(wp) :: low, high, shortest, off(size(size_of))
+    real(wp) :: g(nodes + 2, size(size_of)), between(n_checks, size(size_of))
+    real(wp) :: by_nodes(n_checks, nodes + 2), checks(n_checks)
+    real(wp), allocatable :: ends(:)
+    integer :: i
+
+    cuts = [0.0_wp]
+    ends = [1.0_wp]
+    checks = [((i - 0.5_wp)/n_checks, i=1, n_checks)]
+    do i = 1, n_checks
+      by_nodes(i, :) = table%basis(checks(i))
+    end do
+    shortest = max(2.0_wp**(-50), 16.0_wp*spacing(line%begin)/line%length)
+    do while (size(ends) > 0)
+      low = cuts(size(cuts))
+      high = ends(size(ends))
+      off = 0.0_wp
+      if (any(system%bent) .and. high - low > shortest .and. size(cuts) < most_parts) then
+        call line%remember(system, channels, low + (high - low)*table%points, g)
+        call line%remember(system, channels, low + (high - low)*checks, between)
+        off = maxval(abs(matmul(by_nodes, g) - between), dim=1)*(high - low)
+      end if
+      if (any(off > resolved*size_of)) then
+        ends = [ends, 0.5_wp*(low + high)]
+      else
+        cuts = [cuts, high]
+        ends = ends(:size(ends) - 1)
+      end if
+    end do
+  end subroutine resolve
 
   pure logical function is_known(self)
     class(known_past_type), intent(in) :: self
