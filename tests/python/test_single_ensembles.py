@@ -77,6 +77,20 @@ def test_statistics_sections_and_lines_of_a_structure_with_friction():
         assert many.amplitudes[i, 0, 0] == pytest.approx(2 * wave @ moved / window.sum(), rel=1e-10)
 
 
+def test_sections_by_a_surface_begin_where_discard_says():
+    """All passages from that time on, wherever in a step it lies."""
+    rng = np.random.default_rng(4)
+    for dt in ("auto", 0.4):
+        given = {"load": 0.8, "nu": 0.7, "initial": [0.4, 0], "dt": dt}
+        run = vv.simulate(GAP, 30, **given, events="x - 0.1*x_dot")
+        for since in [*rng.uniform(0, 25, 4), *(run.events[0].t[4:7] - 1e-6)]:
+            many = vv.simulate_ensemble(
+                GAP, **given, t_end=30, discard=since, sections="x - 0.1*x_dot", tolerance=1e-10
+            )
+            t = run.events[0].t[run.events[0].t >= since]
+            assert many.section_times[0] == pytest.approx(t, abs=1e-6)
+
+
 def test_sections_by_a_surface():
     """They are the events of the single run; of a pendulum too."""
     many = vv.simulate_ensemble(

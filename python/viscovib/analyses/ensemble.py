@@ -81,7 +81,7 @@ def simulate_ensemble(
     initial : array_like, shape (n, 2 n_dof) or (2 n_dof,)
         States at t = 0, or one for all.
     t_end : float
-        End of the runs.
+        End of the runs; with ``sections`` of a load the nearest whole number of its periods.
     n_periods : int
         Length of the runs in periods of the load that ``sections`` names, instead of ``t_end``;
         needed where that load's frequency varies.
@@ -107,7 +107,8 @@ def simulate_ensemble(
         the fastest from about 1e-9 on. A step that cannot be solved ends its run ("step too
         large"). Run by run: any method of `simulate`, "auto" as there.
     discard : float
-        Nothing is gathered before this time (or this many periods, with ``n_periods``).
+        Nothing is gathered before this time (or this many periods, with ``n_periods``), with
+        ``sections`` of a load before the end of the period in which it lies.
     statistics : bool
         Gather peak, mean and rms of states: those of the motion itself from ``discard`` on,
         between steps and at kinks and impacts too. ``error`` holds for them.
@@ -168,6 +169,7 @@ def simulate_ensemble(
             raise InputError(f"amplitudes_at: must be greater than 0, got {lines.min():g}")
     _native.flag("progress", progress)
     length = _Length.checked(members, t_end, n_periods, discard, sections)
+    members.discarded = length.discarded
     cores = os.cpu_count() or 1
     threads = cores if n_threads is None else _native.integer("n_threads", n_threads, 1, 4096)
     job = _Job(
@@ -181,7 +183,7 @@ def simulate_ensemble(
         threads,
     )
     if job.statistics:
-        members.gathered_since = length.discarded
+        members.gathered_since = members.discarded
     n, error = length.steps(dt, members), None
     raw = job.run(n, progress)
     if _native.is_auto(dt):

@@ -35,6 +35,8 @@ class Members(ABC):
     #: Whether runs go side by side in the vector unit, and otherwise the surface of sections.
     side_by_side = True
     surface: Any = None
+    #: The time of each run that is left out.
+    discarded: FloatArray
     #: From when on peaks and means along the motions are gathered; None: they are of samples at
     #: steps.
     gathered_since: FloatArray | None = None

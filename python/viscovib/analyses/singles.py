@@ -229,7 +229,7 @@ class SingleMembers(Members):
         found.reached = latest.t_reached
         if self.surface is not None:
             times, states = latest.events[0]
-            late = times >= h * asked.n_discard
+            late = times >= self.discarded[i]
             found.points, found.times = states[late], times[late]
         if asked.exponents:
             found.exponents = self._exponents(i, h, asked)
