@@ -17,7 +17,7 @@ module viscovib_structure_rest
 
   !> Coordinates up to which complex modes are computed here: it takes n^4.
   integer, parameter, public :: most_coupled = 100
-  !> Parts of the largest entry that are rounding.
+  !> Part of what is summed that is rounding.
   real(wp), parameter :: rounding = 1.0e-12_wp
 
   !> Damping that leaves modes uncoupled: ratios (one or one a mode), Rayleigh's factors of M and K,
@@ -165,8 +165,8 @@ contains
     real(wp), intent(in) :: places(:, :), pushed(:, :)
     type(modal_damping), intent(in) :: modal
     type(status_type), intent(inout) :: status
-    real(wp), dimension(size(mass, 1), size(mass, 1)) :: shapes, seen, pulled
-    real(wp) :: squares(size(mass, 1)), rates(size(mass, 1)), off
+    real(wp), dimension(size(mass, 1), size(mass, 1)) :: shapes, seen, pulled, lost
+    real(wp) :: squares(size(mass, 1)), rates(size(mass, 1))
     integer :: i, n
 
     n = size(mass, 1)
@@ -178,16 +178,16 @@ contains
       where (abs(squares) <= rounding*sum(abs(shapes)*pulled, 1)) squares = 0.0_wp
       rest%hidden = hidden_modes(squares, shapes, mass, stiffness)
       seen = matmul(transpose(shapes), matmul(damping, shapes))
-      off = 0.0_wp
+      ! Each product next to its own terms: one strong damper says nothing of weak ones.
+      lost = rounding*matmul(transpose(abs(shapes)), matmul(abs(damping), abs(shapes)))
+      where (abs(seen) <= lost) seen = 0.0_wp
       do i = 1, n
         rates(i) = seen(i, i)
         seen(i, i) = 0.0_wp
       end do
-      off = maxval(abs(seen))
       rates = rates + 2.0_wp*modal%ratios*sqrt(max(squares, 0.0_wp)) + modal%rayleigh(1) &
               + modal%rayleigh(2)*squares
-      if (off <= rounding*maxval(abs(rates))) then
-        where (abs(rates) <= rounding*maxval(abs(rates))) rates = 0.0_wp
+      if (all(abs(seen) <= 0.0_wp)) then
         rest%squares = squares
         rest%rates = rates
         rest%losses = spread(modal%loss, 1, n)
@@ -244,9 +244,21 @@ contains
     allocate (rest%squares(0), rest%rates(0), rest%losses(0), rest%shapes(size(places, 1), 0))
   end subroutine find_coupled
 
+  !> But for rounding of each entry, beside what stands on the diagonal, and of the largest.
   pure logical function is_symmetric(matrix)
     real(wp), intent(in) :: matrix(:, :)
-    is_symmetric = maxval(abs(matrix - transpose(matrix))) <= rounding*maxval(abs(matrix))
+    real(wp) :: beside, least
+    integer :: i, j
+
+    is_symmetric = .true.
+    least = 4.0_wp*epsilon(1.0_wp)*maxval(abs(matrix))
+    do j = 1, size(matrix, 1)
+      do i = 1, j - 1
+        beside = max(abs(matrix(i, j)), abs(matrix(j, i)), &
+                     sqrt(abs(matrix(i, i)))*sqrt(abs(matrix(j, j))))
+        if (abs(matrix(i, j) - matrix(j, i)) > rounding*beside + least) is_symmetric = .false.
+      end do
+    end do
   end function is_symmetric
 
 end module viscovib_structure_rest

@@ -78,3 +78,31 @@ def test_damping_that_couples_is_refused_with_what_is_true(solve, tmp_path):
     done = solve(scene, "--out", tmp_path)
     assert done.returncode == 2
     assert "or of so different stiffness that rounding makes them so" in done.stderr
+
+
+@pytest.mark.parametrize("between", [0.0, 0.15])
+def test_weak_dampers_beside_a_strong_one(solve, tmp_path, between):
+    """They are no rounding of it: right, or refused where they couple modes."""
+    path = tmp_path / "scene.nml"
+    for strong in (1e3, 1e11, 1e13):
+        damping = np.diag([0.2, 0.3, strong])
+        damping[0, 1] = damping[1, 0] = between
+        path.write_text(
+            scene_of("structure", np.ones(3), np.diag([1.0, 2.0, 1e4]), damping)
+            .replace("d^3", "1e-9*d^3")
+            .replace("nu=0.5", "nu=1.1")
+        )
+        run = solve(path, "--out", tmp_path)
+        if between and strong > 1e10:
+            assert run.returncode == 2
+            assert "damping: couples" in run.stderr
+            continue
+        assert run.returncode == 0, run.stderr
+        lines = (tmp_path / "scene_response.csv").read_text().splitlines()
+        names, row = (line.split(",") for line in lines if not line.startswith("#"))
+        found = [
+            float(row[names.index(f"{x}_1_re")]) + 1j * float(row[names.index(f"{x}_1_im")])
+            for x in ("x1", "x2")
+        ]
+        dynamic = np.diag([1.0, 2]) + 1.1j * damping[:2, :2] - 1.21 * np.eye(2)
+        assert found == pytest.approx(np.linalg.solve(dynamic, [0.1, 0]), rel=1e-12)

@@ -1,5 +1,6 @@
 """The linear rest of a structure: its modes, and what modes left out would add."""
 
+import math
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
@@ -7,6 +8,12 @@ import numpy as np
 
 from viscovib._native import ComplexArray, FloatArray
 from viscovib.errors import InputError
+from viscovib.systems.refined_modes import (
+    MOST_COUPLED_REFINED,
+    MOST_REFINED,
+    refined_modes,
+    refined_poles,
+)
 from viscovib.systems.stiffness_ratio import (
     warn_of_lost_modes,
     warn_of_lost_poles,
@@ -16,6 +23,10 @@ from viscovib.systems.stiffness_ratio import (
 #: Parts of the largest entry that are rounding: off the diagonal of a modal damping, a square of
 #: a frequency, what is left of a direction that depends on others.
 _OFF_DIAGONAL, _RIGID, _DEPENDENT = 1e-12, 1e-12, 1e-10
+_EPS = float(np.finfo(float).eps)
+#: How much a solver mixes two modes, of the largest square of a frequency over theirs, which
+#: counts for no less than a part of it.
+_MIXED, _SOFT = 16 * _EPS, 1e-8
 #: How far above all others the square of a frequency stands for what follows at once.
 _AT_ONCE = 1e10
 
@@ -96,19 +107,20 @@ def dense_rest(
         return _condensed_rest(mass, damping, stiffness, modal)
     none = np.zeros((n, 0), dtype=complex)
     if _symmetric(stiffness) and _symmetric(damping):
-        squares, shapes = eigh(stiffness, mass)
+        squares, shapes = refined_modes(*eigh(stiffness, mass), mass, stiffness)
         squares = without_rounding(squares, shapes, stiffness)
         if not quiet:
             warn_of_lost_modes(squares, shapes, mass, stiffness)
         seen = shapes.T @ damping @ shapes
         rates = np.diag(seen).copy()
-        off = seen - np.diag(rates)
+        lost = _rounding_of(seen, squares, shapes, damping)
+        coupled = (np.abs(seen - np.diag(rates)) > lost).any()
+        rates[np.abs(rates) <= np.diag(lost)] = 0.0
         losses = np.zeros(n)
         if modal is not None:
             rates = rates + modal.rates(squares)
             losses = losses + modal.loss
-        if np.abs(off).max(initial=0.0) <= _OFF_DIAGONAL * np.abs(rates).max(initial=0.0):
-            rates[np.abs(rates) <= _OFF_DIAGONAL * np.abs(rates).max(initial=0.0)] = 0.0
+        if not coupled:
             return Rest(squares, rates, losses, shapes, np.zeros(0, complex), none, none)
     if modal is not None:
         if np.any(modal.ratio) or np.any(modal.loss):
@@ -138,10 +150,10 @@ def _condensed_rest(
     inverse = np.linalg.inv(inner)
     follow = -inverse @ stiffness[np.ix_(idle, kept)]
     carry = -inverse.T @ stiffness[np.ix_(kept, idle)].T
-    rest = dense_rest(
-        mass[np.ix_(kept, kept)], damping[np.ix_(kept, kept)],
-        stiffness[np.ix_(kept, kept)] + stiffness[np.ix_(kept, idle)] @ follow, modal,
-    )  # fmt: skip
+    left = stiffness[np.ix_(kept, kept)] + stiffness[np.ix_(kept, idle)] @ follow
+    if _symmetric(stiffness):
+        left = (left + left.T) / 2
+    rest = dense_rest(mass[np.ix_(kept, kept)], damping[np.ix_(kept, kept)], left, modal)
 
     def whole(part: Any, relation: FloatArray) -> Any:
         found = np.empty((mass.shape[0], part.shape[1]), dtype=part.dtype)
@@ -175,7 +187,29 @@ def _condensed_rest(
 
 
 def _symmetric(matrix: FloatArray) -> bool:
-    return bool(np.abs(matrix - matrix.T).max(initial=0.0) <= 1e-12 * np.abs(matrix).max(initial=0))
+    """Whether it is but for rounding of each entry, beside the diagonal, and of the largest."""
+    root = np.sqrt(np.abs(np.diag(matrix)))
+    size = np.maximum(np.abs(matrix), np.multiply.outer(root, root))
+    lost = 1e-12 * np.maximum(size, size.T) + 4 * _EPS * np.abs(matrix).max(initial=0.0)
+    return bool((np.abs(matrix - matrix.T) <= lost).all())
+
+
+def _rounding_of(
+    seen: FloatArray, squares: FloatArray, shapes: FloatArray, damping: FloatArray
+) -> FloatArray:
+    """What rounding leaves of phi_i^T C phi_j, shape (m, m).
+
+    That of the products, each next to its own terms: one strong damper says nothing of weak ones.
+    Where modes are not refined they are mixed besides, soft ones the more.
+    """
+    size = np.abs(shapes)
+    lost = _OFF_DIAGONAL * (size.T @ np.abs(damping) @ size)
+    if squares.size > MOST_REFINED:
+        rates, squares = np.abs(np.diag(seen)), np.abs(squares)
+        softness = np.maximum(squares[:, np.newaxis] + squares, _SOFT * squares.max())
+        mixed = _MIXED * squares.max() / np.maximum(softness, np.finfo(float).tiny)
+        lost += mixed * (rates[:, np.newaxis] + rates)
+    return np.asarray(lost)
 
 
 def _complex_rest(
@@ -198,15 +232,24 @@ def _complex_rest(
             "damping: the structure has defective modes (as critically damped ones or undamped "
             "rigid bodies under a damping matrix that is not modal), which no sum over modes gives"
         )
-    # A motion that neither spring nor damper resists, but that dampers couple.
-    poles[np.abs(poles) <= _RIGID * np.abs(poles).max()] = 0.0
     left = rights[:n]
     right = inverse.T @ (lefts[n:].conj() / scale)
+    poles, left, right = refined_poles(poles, left, right, mass, damping, stiffness)
+    # A motion that neither spring nor damper resists, but that dampers couple.
+    poles[np.abs(poles) <= _RIGID * _fastest(poles, inverse @ stiffness)] = 0.0
     if not quiet:
         warn_of_lost_poles(poles, left, right, stiffness)
     none = np.zeros(0)
     given = mass, damping, stiffness
     return Rest(none, none, none, np.zeros((n, 0)), poles, left, right, matrices=given)
+
+
+def _fastest(poles: ComplexArray, springs: FloatArray) -> float:
+    """The rate next to which poles are rounding: of refined ones that of springs M^-1 K alone."""
+    fastest = float(np.abs(poles).max())
+    if poles.size > 2 * MOST_COUPLED_REFINED:
+        return fastest
+    return max(math.sqrt(np.abs(springs).max()), _RIGID * fastest)
 
 
 class Static(NamedTuple):

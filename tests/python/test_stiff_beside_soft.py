@@ -1,0 +1,74 @@
+"""Structures with springs and dampers that differ by many orders: motions with 40 digits."""
+
+import mpmath
+import numpy as np
+import pytest
+import viscovib as vv
+from scipy.linalg import expm
+
+
+def motion(mass, damping, stiffness, load, nu, start, t):
+    """States (u, u') at t by the eigenvectors of the equations, with sin and cos of the load."""
+    n = mass.size
+    with mpmath.workdps(40):
+        a = mpmath.zeros(2 * n + 2)
+        for i in range(n):
+            a[i, n + i] = 1
+            for j in range(n):
+                a[n + i, j] = -mpmath.mpf(stiffness[i, j]) / mpmath.mpf(mass[i])
+                a[n + i, n + j] = -mpmath.mpf(damping[i, j]) / mpmath.mpf(mass[i])
+            a[n + i, 2 * n] = mpmath.mpf(load[i]) / mpmath.mpf(mass[i])
+        a[2 * n, 2 * n + 1], a[2 * n + 1, 2 * n] = nu, -nu
+        values, vectors = mpmath.eig(a)
+        parts = mpmath.lu_solve(vectors, mpmath.matrix([*start, 0, 1]))
+        grown = [mpmath.exp(value * t) * part for value, part in zip(values, parts, strict=True)]
+        return np.array([float(mpmath.re(x)) for x in vectors * mpmath.matrix(grown)][: 2 * n])
+
+
+@pytest.mark.parametrize("kind", ["modal", "dampers", "strong damper"])
+def test_soft_motions_beside_a_stiff_spring(kind):
+    """The entries of the matrices hold them; an eigensolver loses 1e-16 of the stiff spring."""
+    rng = np.random.default_rng(5)
+    for i in range(6):
+        n = int(rng.integers(2, 5))
+        mass, high = rng.uniform(0.5, 2, n), 10 ** rng.uniform(5, 8)
+        soft, weak = rng.normal(size=(2, n, n))
+        stiff = rng.normal(size=n)
+        if i % 3 == 0:
+            stiff = np.eye(n)[0]
+        elif i % 3 == 1:
+            stiff = np.eye(n)[0] - np.eye(n)[1]
+        stiffness = soft @ soft.T + 0.1 * np.eye(n) + high * np.outer(stiff, stiff)
+        damping = 0.01 * np.diag(mass) + 1e-3 / np.sqrt(high) * stiffness
+        if kind != "modal":
+            damping = 0.02 * weak @ weak.T
+        if kind == "strong damper":
+            damping = damping + np.sqrt(high) * np.outer(stiff, stiff)
+        u, v = rng.normal(size=(2, n))
+        u, v = (x - stiff * (stiff @ x) / (stiff @ stiff) for x in (u, v))
+        load = rng.normal(size=n)
+        structure = vv.Structure(mass=np.diag(mass), stiffness=stiffness, damping=damping)
+        run = vv.simulate(
+            structure, 10, initial=np.column_stack([u, v]).ravel(), load=load, nu=0.7, times=[10]
+        )
+        right = motion(mass, damping, stiffness, load, 0.7, [*u, *v], 10)
+        # Next to 2e-16 times the ratio, which it was.
+        assert np.abs(run.state[0] - right.reshape(2, n).T.ravel()).max() < 3e-12 + 1e-18 * high
+
+
+@pytest.mark.parametrize("strong", [1e3, 1e11, 1e13, 1e15])
+@pytest.mark.parametrize("turn", [1, -1])
+def test_weak_dampers_beside_a_strong_one(strong, turn):
+    """They couple modes, or turn them, and take energy, whatever acts in another coordinate."""
+    for between in (0.15, 0.0):
+        damping = np.diag([0.2, 0.3, strong])
+        damping[0, 1], damping[1, 0] = between, turn * between
+        structure = vv.Structure(mass=np.eye(3), stiffness=np.diag([1, 2, 1e4]), damping=damping)
+        run = vv.simulate(structure, 5, initial=[1, 0, 0.5, 0, 0, 0], times=[5])
+        a = np.block([[np.zeros((2, 2)), np.eye(2)], [-np.diag([1.0, 2]), -damping[:2, :2]]])
+        right = expm(5 * a) @ [1, 0.5, 0, 0]
+        assert np.abs(run.state[0, :4] - right[[0, 2, 1, 3]]).max() < 1e-13
+        r = vv.forced_response(structure, [1.1], load=[1, 0, 0])
+        dynamic = np.diag([1.0, 2]) + 1.1j * damping[:2, :2] - 1.21 * np.eye(2)
+        found = [r.amplitude(name)[0] for name in ("x1", "x2")]
+        assert found == pytest.approx(np.abs(np.linalg.solve(dynamic, [1, 0])), rel=1e-12)
