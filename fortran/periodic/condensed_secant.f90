@@ -25,6 +25,10 @@ module viscovib_condensed_secant
   !> In d: longest step by the slope of a motion nearby, how far from lines of symmetry such a zero
   !! must be if not on them, and steps that tell how much the slope bends.
   real(wp), parameter :: longest_chord = 0.02_wp, clear = 0.02_wp, telling = 1.0e-6_wp
+  !> A value that has grown by this factor over a step longer than this, in d, tells no slope: left
+  !! of where memory ends F grows by any factor, and a step back by that slope is 0 wherever it
+  !! begins.
+  real(wp), parameter :: grown = 1.0e3_wp, long = 3.0e-5_wp
   !> The bend is what it was nearby up to this part.
   real(wp), parameter :: alike = 0.5_wp
 
@@ -126,7 +130,7 @@ contains
     !> Whether to begin with the slope of a motion nearby.
     logical, intent(in) :: chord
     complex(wp) :: before, value_before, value, step, slope, slope_before, older, bend
-    real(wp) :: last, earlier, error
+    real(wp) :: last, earlier, error, smallest
     integer :: i
 
     made = .false.
@@ -153,9 +157,14 @@ contains
         call reduced(hill, system, known, about_half, before, value_before)
       end if
       bend = (0.0_wp, 0.0_wp)
+      smallest = abs(value_before)
       do i = 1, most
         if (i > 1) call reduced(hill, system, known, about_half, root, value)
         if (.not. abs(value) <= huge(1.0_wp)) return
+        if (i > 1 .and. abs(value) > grown*abs(value_before) .and. abs(root - before) > long*d) then
+          root = before + 0.25_wp*(root - before)
+          cycle
+        end if
         if (.not. abs(value - value_before) > 0.0_wp) then
           made = i > 1
           exit
@@ -175,15 +184,17 @@ contains
         value_before = value
         root = root + step
         if (real(root) < leftmost*d .or. real(root) > rightmost*d) return
-        ! Steps go with the product of the two before: what the next one would be.
+        ! Steps go with the product of the two before: what the next one would be. A short one back
+        ! from a pole is none of these.
         error = abs(step)
         if (i == 1 .and. chord) then
           if (abs(shape%bend) > 0.0_wp) then
             error = min(error, abs(shape%bend)/d*error*(alike*last + error))
           end if
-        else if (i > 1 .and. error < last .and. last < earlier) then
+        else if (i > 1 .and. error < last .and. last < earlier .and. abs(value) < smallest) then
           error = error*(error/earlier)
         end if
+        smallest = min(smallest, abs(value))
         made = error <= least*d .or. (abs(step) <= last_step*d .and. abs(step) >= last)
         if (made) exit
         if (i > 1 .or. chord) earlier = last

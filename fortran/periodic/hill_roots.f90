@@ -33,6 +33,9 @@ module viscovib_hill_roots
   real(wp), parameter :: rightmost = 4.0_wp, longest = 0.2_wp
   real(wp), parameter :: last_step = 1.0e-8_wp, smallest_step = 1.0e-13_wp
   real(wp), parameter :: apart = 1.0e-9_wp, on_line = 1.0e-7_wp
+  !> A value that has grown by this factor over a step longer than `long` tells no slope: left of
+  !! where memory ends D grows by any factor, and a step back by that slope is 0 wherever it begins.
+  real(wp), parameter :: grown = 1.0e3_wp
   !> Zeros so near to each other slow the secant method down unless one is divided out.
   real(wp), parameter :: twin = 1.0e-4_wp
   !> How far left approximations are bad, how near an approximation is that of an exponent.
@@ -385,6 +388,10 @@ contains
     do i = 1, max_iterations
       call reduced(root, value)
       if (.not. abs(value) <= huge(1.0_wp)) return
+      if (abs(value) > grown*abs(value_before) .and. abs(root - before) > long*hill%period) then
+        root = before + 0.25_wp*(root - before)
+        cycle
+      end if
       ratio = value - value_before
       if (.not. abs(ratio) > 0.0_wp) return
       step = -value*(root - before)/ratio
