@@ -4,6 +4,7 @@ import json
 import math
 import warnings
 
+import mpmath
 import numpy as np
 import pytest
 import viscovib as vv
@@ -136,3 +137,66 @@ def test_no_root_is_lost_to_another():
         wanted = wanted[np.argsort(wanted.imag)]
         assert len(found) == len(wanted)
         assert found == pytest.approx(wanted, rel=1e-9)
+
+
+@pytest.mark.parametrize("gap", [0.0, 1e-9, 1e-6, 1e-4, 3e-3])
+def test_light_modes_side_by_side_are_listed_and_counted(gap):
+    """Their turns by nearly pi each fall between two frequencies of any grid."""
+    rng = np.random.default_rng(7)
+    for _ in range(4):
+        n = int(rng.integers(2, 5))
+        squares = rng.uniform(0.5, 4, n)
+        squares[1] = squares[0] * (1 + gap)
+        turn = np.linalg.qr(rng.normal(size=(n, n)))[0] if rng.random() < 0.5 else np.eye(n)
+        stiffness = turn @ np.diag(squares) @ turn.T
+        stiffness = (stiffness + stiffness.T) / 2
+        weight, rate = 10 ** rng.uniform(-8, -2), rng.uniform(0.3, 3)
+        # Negative damping beside the memory's own: some of the modes grow.
+        damping = -weight * rng.uniform(0, 0.3) * np.eye(n)
+        memory = vv.PronyKernel(weights=[weight], rates=[rate])
+        roots = vv.PolynomialSystem(
+            mass=np.ones(n), stiffness=stiffness, damping=damping, kernel=memory
+        ).characteristic_roots()
+        # u'' = v, v' = -K (u - w m) - C v, m' = u - rate m.
+        none, one = np.zeros((n, n)), np.eye(n)
+        rows = [[none, one, none], [-stiffness, -damping, weight * stiffness]]
+        values = np.linalg.eigvals(np.block([*rows, [one, none, -rate * one]]))
+        up = values[values.imag > 0.1]
+        up = up[np.argsort(up.imag)]
+        assert roots.oscillatory == pytest.approx(up, rel=1e-6)
+        clear = np.abs(up.real).min() > 1e-12
+        assert not clear or roots.n_unstable == 2 * (up.real > 0).sum()
+        assert not clear or roots.complete
+
+
+def test_roots_beside_tables_that_end_are_zeros():
+    """Left of where memory ends transforms grow beyond what rounding leaves of the rest."""
+    for seed in range(12):
+        rng = np.random.default_rng(seed)
+        end, n = 10 ** rng.uniform(2, 4), int(rng.integers(1, 4))
+        t = np.geomspace(1e-4, end, 9)
+        v = t ** rng.uniform(-0.6, -0.2) * np.exp(-t / end * rng.uniform(0, 20))
+        v *= rng.uniform(0.02, 0.3) / np.trapezoid(v, t)
+        chain = 2 * np.eye(n) - np.eye(n, k=1) - np.eye(n, k=-1)
+        damping = 10 ** rng.uniform(-3, -0.7) * chain
+        table = vv.TabulatedKernel(times=t, values=v)
+        roots = vv.PolynomialSystem(
+            mass=np.ones(n), stiffness=chain, damping=damping, kernel=table
+        ).characteristic_roots()
+        assert roots.complete, seed
+        start, first = np.insert(t, 0, 0.0), np.insert(v, 0, v[0])
+        fall = np.diff(first) / np.diff(start)
+        with mpmath.workdps(40):
+            for s in roots.oscillatory:
+                # Of each mode of the chain s^2 + (c s + 1 - R(s)) k = 0.
+                z = mpmath.mpc(s)
+                parts = [
+                    float(f) * (mpmath.exp(-z * float(a)) - mpmath.exp(-z * float(b))) / z
+                    for f, a, b in zip(fall, start[:-1], start[1:], strict=True)
+                ]
+                kept = 1 - (v[0] - v[-1] * mpmath.exp(-z * float(t[-1])) + sum(parts)) / z
+                share = damping[0, 0] / 2 * z + kept
+                of_mode = -(z**2) / share
+                modes = np.linalg.eigvalsh(chain)
+                off = min(abs(of_mode - k) / k for k in modes)
+                assert off < 1e-6, (seed, s, float(off))

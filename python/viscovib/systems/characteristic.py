@@ -13,6 +13,7 @@ import numpy.typing as npt
 
 from viscovib._native import ComplexArray, FloatArray
 from viscovib.common.values import Value
+from viscovib.errors import InputError
 from viscovib.kernels.relaxation import Kernel, RzhanitsynKernel
 
 # Memory is brought in by steps of 1/24 or less: a step that moves a root by more than 8 % may have
@@ -21,7 +22,9 @@ _STEP, _LEAST_STEP, _FAR = 1 / 24, 1e-7, 0.08
 # Paths from 0 to 1 along which memory is brought in, t + bend t (1 - t): where two roots meet on
 # the real one, the others lead round that place.
 _BENDS = (0.0, 0.4j, -0.4j)
-_NEWTON = 60
+# Steps of Newton's method; the last one of a root, as a part of it: a double one is known to the
+# root of rounding. Nearer to the axis than to be told from it.
+_NEWTON, _LAST, _ON_AXIS = 60, 1e-6, 2e-15
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -31,8 +34,8 @@ class CharacteristicRoots(Value):
     Attributes
     ----------
     oscillatory : complex ndarray, shape (n,)
-        Roots s with positive imaginary part (1/s), by rising frequency; their conjugates are
-        roots too.
+        Roots s with positive imaginary part (1/s), by rising frequency, a double one twice; their
+        conjugates are roots too.
     real : ndarray, shape (m,)
         Real roots, largest first: without memory all; of Koltunov-Rzhanitsyn kernels those right
         of the cut at -beta, of other kernels the positive ones.
@@ -79,9 +82,11 @@ def characteristic_roots(
 ) -> CharacteristicRoots:
     """Roots of det[s^2 M + s C + sum_j K_j (1 - R_j(s))] = 0, R_j(s) the kernels' transforms."""
     system = _System(mass, damping, springs, memory_scale)
-    oscillatory = system.oscillatory()
+    # Where a transform grows beyond the range of numbers nothing is found.
+    with np.errstate(over="ignore", invalid="ignore"):
+        oscillatory = system.oscillatory()
     real = system.real()
-    n_unstable = system.count_unstable()
+    n_unstable = system.count_unstable(oscillatory)
     found = 2 * int((oscillatory.real > 0).sum()) + int((real > 0).sum())
     return CharacteristicRoots(oscillatory, real, n_unstable, found == n_unstable)
 
@@ -152,11 +157,42 @@ class _System:
         for start in starts:
             for bend in _BENDS:
                 s = self._with_memory(complex(start), bend)
+                if not cmath.isfinite(s):
+                    continue
                 s = complex(s.real, abs(s.imag))
-                if s.imag > 1e-9 * abs(s) and not any(abs(s - r) < 1e-9 * abs(s) for r in roots):
+                new = not any(abs(s - r) < 1e-9 * abs(s) for r in roots)
+                if new and s.imag > 1e-9 * abs(s) and self._is_root(s):
                     roots.append(s)
                     break
-        return np.array(sorted(roots, key=lambda s: s.imag), dtype=complex)
+            else:
+                roots += self._twin(s, roots)
+        listed = np.array(sorted(roots, key=lambda s: s.imag), dtype=complex)
+        listed.real[np.abs(listed.real) < _ON_AXIS * np.abs(listed)] = 0.0
+        return listed
+
+    def _is_root(self, s: complex) -> bool:
+        """Whether det D is small there beside its values nearby.
+
+        Far left the transforms of kernels that end are so large that the rest of D is lost in
+        rounding, of which Newton's method finds zeros too.
+        """
+        h, size = 1e-4 * abs(s), abs(s) ** 2
+        try:
+            at, *beside = (abs(self._determinant(s + d, 1.0, size)) for d in (0, h, -h))
+        except InputError:
+            return False
+        return bool(at <= 1e-3 * max(beside))
+
+    def _twin(self, s: complex, roots: list[complex]) -> list[complex]:
+        """Another root beside one of those known, or that one where it is a double one."""
+        if not cmath.isfinite(s) or not any(abs(s - r) < 1e-9 * abs(s) for r in roots):
+            return []
+        twin = self._polish(s + 1e-3 * abs(s) * (1 + 1j), 1.0, roots)
+        if not cmath.isfinite(twin):
+            return []
+        if abs(twin - s) < _LAST * abs(s):
+            return [s]
+        return [twin] if abs(twin - s) < _FAR * abs(s) and twin.imag > 1e-9 * abs(s) else []
 
     def _with_memory(self, s: complex, bend: complex) -> complex:
         """The root that s, one without memory, becomes with all of it."""
@@ -164,32 +200,43 @@ class _System:
         while t < 1 and cmath.isfinite(s):
             wanted = min(t + step, 1.0)
             moved = self._polish(s, wanted + bend * wanted * (1 - wanted))
-            if step > _LEAST_STEP and not abs(moved - s) <= _FAR * abs(s):
+            # The size of a complex NaN may be an OverflowError.
+            near = cmath.isfinite(moved) and abs(moved - s) <= _FAR * abs(s)
+            if step > _LEAST_STEP and not near:
                 step /= 4
                 continue
             s, t, step = moved, wanted, min(2 * step, _STEP)
         return s
 
-    def _polish(self, s: complex, memory: complex) -> complex:
+    def _polish(self, s: complex, memory: complex, known: Sequence[complex] = ()) -> complex:
         """Newton's method, the derivative by a difference of the analytic function.
 
-        NaN where it leaves the range of numbers: such a root is not listed, and the count of the
-        argument principle tells that it is not.
+        Those known are divided out. NaN where it does not settle, or leaves the range of numbers,
+        the kernels' too: such a root is not listed, and the count of the argument principle tells
+        that it is not.
         """
-        size = abs(s) ** 2
+        nothing = complex(math.nan, math.nan)
+        size, furthest = abs(s) ** 2, 1e9 * self.fastest
+        step = s
         for _ in range(_NEWTON):
             h = 1e-6 * abs(s)
-            above = self._determinant(s + h, memory, size)
-            slope = (above - self._determinant(s - h, memory, size)) / (2 * h)
-            if slope == 0:
-                break
-            step = complex(self._determinant(s, memory, size) / slope)
+            try:
+                above, below, value = (
+                    self._determinant(at, memory, size) / math.prod(at - r for r in known)
+                    for at in (s + h, s - h, s)
+                )
+            except (InputError, ZeroDivisionError):
+                return nothing
+            if above == below:
+                # A double root; but where all are 0, what is huge hides the rest.
+                return s if value == 0 and above != 0 else nothing
+            step = complex(value / ((above - below) / (2 * h)))
             s -= step
-            if not cmath.isfinite(s):
-                return complex(math.nan, math.nan)
+            if not max(abs(s.real), abs(s.imag)) < furthest:
+                return nothing
             if abs(step) <= 4e-16 * abs(s):
                 break
-        return s
+        return s if abs(step) <= _LAST * abs(s) else nothing
 
     def real(self) -> FloatArray:
         """Zeros of the eigenvalues of D along the real axis, where it is symmetric as a rule."""
@@ -226,8 +273,12 @@ class _System:
                 found.append(float(root))
         return np.array(sorted(found, reverse=True))
 
-    def count_unstable(self) -> int:
-        """Roots right of the imaginary axis by the turns of det D(i omega): Nyquist."""
+    def count_unstable(self, known: ComplexArray) -> int:
+        """Roots right of the imaginary axis by the turns of det D(i omega): Nyquist.
+
+        Pairs of oscillatory roots that are known are divided out: light modes side by side turn
+        the determinant by more than pi between two frequencies, however close these are.
+        """
         if not self.remembers:
             return int((self.without_memory().real > 0).sum())
         # A quarter of a small circle first: a kernel may be singular at 0.
@@ -239,6 +290,11 @@ class _System:
         determinants = [
             self._determinant(part, 1.0, size) for part, size in zip(parts, sizes, strict=True)
         ]
-        turned = np.unwrap(np.angle(np.concatenate(determinants)))
-        # At infinity det D is s^2n det M, which turns by n pi from the real axis to the imaginary.
-        return round(float(self.n - (turned[-1] - turned[0]) / np.pi))
+        angle = np.angle(np.concatenate(determinants))
+        for root in known:
+            angle = angle - np.angle(s - root) - np.angle(s - root.conj())
+        turned = np.unwrap(angle)
+        # At infinity det D is s^2n det M, which turns by n pi from the real axis to the imaginary;
+        # each pair turns by pi.
+        others = round(float(self.n - known.size - (turned[-1] - turned[0]) / np.pi))
+        return others + 2 * int((known.real > 0).sum())
