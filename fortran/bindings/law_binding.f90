@@ -61,3 +61,15 @@ subroutine law_values(code, number, n_code, arguments, n, n_arguments, value, sl
   call law%measure()
   call law%differentiate(arguments, value, slopes)
 end subroutine law_values
+
+!> Tell the core which procedure knows functions outside of it, by its address (see
+!! viscovib_law_outside).
+subroutine law_set_outside(address)
+  use, intrinsic :: iso_c_binding, only: c_funptr, c_int64_t
+  use viscovib_law_outside, only: set_outside
+  implicit none
+  integer(c_int64_t), intent(in) :: address
+  type(c_funptr) :: procedure_at
+
+  call set_outside(transfer(address, procedure_at))
+end subroutine law_set_outside

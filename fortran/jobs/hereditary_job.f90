@@ -13,7 +13,7 @@ module viscovib_hereditary_job
   use viscovib_load, only: load_type
   use viscovib_march, only: march_type
   use viscovib_oscillator, only: oscillator_type
-  use viscovib_plan_text, only: tell_idle, tell_preload, tell_zeros
+  use viscovib_plan_text, only: tell_idle, tell_laws, tell_zeros
   use viscovib_polynomial, only: polynomial_type
   use viscovib_reduction, only: moved_coordinates, reduce, state_mask
   use viscovib_simulate, only: run_coarse, run_diverged, run_event
@@ -355,7 +355,7 @@ contains
       call reduce(system, moved, reduced)
       text = text//plan_forces(job, reduced, load)//tell_idle(moved)
     end if
-    text = text//tell_preload(system)//tell_zeros(system, load)
+    text = text//tell_laws(system)//tell_zeros(system, load)
   end function plan_hereditary
 
   !> The lines about forces and what is remembered of them.

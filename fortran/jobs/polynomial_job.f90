@@ -3,7 +3,7 @@ module viscovib_polynomial_job
   use viscovib_counters, only: count_up, counted_idle, counting
   use viscovib_kinds, only: wp
   use viscovib_load, only: load_type
-  use viscovib_plan_text, only: tell_idle, tell_preload, tell_zeros
+  use viscovib_plan_text, only: tell_idle, tell_laws, tell_zeros
   use viscovib_polynomial, only: polynomial_type
   use viscovib_polynomial_motion, only: new_polynomial_motion, polynomial_motion_type
   use viscovib_reduction, only: moved_coordinates, reduce, state_mask
@@ -79,7 +79,7 @@ contains
     character(len=:), allocatable :: text
     text = plan_transient(job)//'skips: memory (no kernels)'//new_line('a') &
            //tell_idle(moved_coordinates(system, driven(job, system, load))) &
-           //tell_preload(system)//tell_zeros(system, load)
+           //tell_laws(system)//tell_zeros(system, load)
   end function plan_polynomial
 
 end module viscovib_polynomial_job

@@ -11,7 +11,7 @@ module viscovib_response_plan
   use viscovib_limits, only: max_harmonics, max_tolerance, min_tolerance, most_harmonics_chosen
   use viscovib_load, only: load_type
   use viscovib_oscillator, only: oscillator_type
-  use viscovib_plan_text, only: tell_idle, tell_preload, tell_zeros
+  use viscovib_plan_text, only: tell_idle, tell_laws, tell_zeros
   use viscovib_polynomial, only: polynomial_type
   use viscovib_reduction, only: moved_coordinates, reduce
   use viscovib_response, only: response_options
@@ -231,7 +231,7 @@ contains
       end if
       if (plan%set%half_wave) call plan%say('skips: even harmonics and half of each period ' &
                                             //'(odd forces, load of odd harmonics)')
-      plan%rest = plan%rest//tell_preload(system)
+      plan%rest = plan%rest//tell_laws(system)
       if (system%separable) call plan%say('skips: hereditary variables in time ' &
                                           //'(memory acts on each term as a whole)')
     end if

@@ -43,6 +43,9 @@ module viscovib_law_functions
   integer, parameter, public :: f_abs = 26, f_sign = 27, f_heaviside = 28, f_min = 30, f_max = 31
   integer, parameter, public :: f_less = 32, f_atmost = 33, f_more = 34, f_atleast = 35, &
                                 f_where = 36, f_pow = 37
+  !> A function outside of the core (viscovib_law_outside) of n operands is `called` + n; its number
+  !! says which.
+  integer, parameter, public :: called = 40, most_called = 8
 
 contains
 
@@ -57,6 +60,8 @@ contains
       operands = 2
     case (f_where)
       operands = 3
+    case (called + 1:called + most_called)
+      operands = code - called
     case default
       operands = 1
     end select

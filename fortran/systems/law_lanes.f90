@@ -7,6 +7,8 @@
 module viscovib_law_lanes
   use viscovib_kinds, only: wp
   use viscovib_lanes, only: n_lanes
+  use viscovib_law_functions, only: called
+  use viscovib_law_outside, only: call_outside
   use viscovib_law_program, only: add, bounded, divide, f_abs, f_atleast, f_atmost, f_cos, f_exp, &
     f_heaviside, f_less, f_log, f_max, f_min, f_more, f_sign, f_sin, f_sqrt, f_tanh, f_where, &
     first_of_two, held_power, known_power, law_program, leaves, mark_outside, multiply, negate, &
@@ -171,7 +173,11 @@ contains
           if (left) outside = .false.
         end if
         if (left) call mark_outside(code(i), number(i), n_lanes, x(1, top), outside(1, top))
-        call instruct(code(i), number(i), x(1, top))
+        if (code(i) > called) then
+          call instruct_outside(number(i), operands(code(i)), x(1, top))
+        else
+          call instruct(code(i), number(i), x(1, top))
+        end if
       end select
     end do
     if (left) x(:, 1) = merge(wall, x(:, 1), outside(:, 1))
@@ -224,6 +230,17 @@ contains
       call transcend(code, number, x)
     end select
   end subroutine instruct
+
+  !> A function outside of the core, of p operands.
+  pure subroutine instruct_outside(number, p, x)
+    real(wp), intent(in) :: number
+    integer, intent(in) :: p
+    real(wp), intent(inout) :: x(n_lanes, p)
+    real(wp) :: value(n_lanes), nothing(n_lanes, p)
+
+    call call_outside(number, .false., x, value, nothing)
+    x(:, 1) = value
+  end subroutine instruct_outside
 
   !> Functions that take more than a few operations.
   pure subroutine transcend(code, number, x)

@@ -7,12 +7,13 @@
 module viscovib_law_program
   use viscovib_kinds, only: wp
   use viscovib_lanes, only: n_lanes
-  use viscovib_law_functions, only: add, bounded, branches, degree_of, divide, f_abs, f_atleast, &
-    f_atmost, f_cos, f_exp, f_heaviside, f_less, f_log, f_max, f_min, f_more, f_pow, f_sign, &
+  use viscovib_law_functions, only: add, bounded, branches, called, degree_of, divide, f_abs, &
+    f_atleast, f_atmost, f_cos, f_exp, f_heaviside, f_less, f_log, f_max, f_min, f_more, f_pow, f_sign, &
     f_sin, f_sqrt, f_tanh, f_where, first_function, first_of_two, functions, held_power, &
-    known_power, leaves, multiply, negate, number_for_one, number_for_two, of_one, of_two, &
-    operands, parity_of, power, put_argument, put_number, second_of_two, square, steepest, &
+    known_power, leaves, most_called, multiply, negate, number_for_one, number_for_two, of_one, &
+    of_two, operands, parity_of, power, put_argument, put_number, second_of_two, square, steepest, &
     subtract, wall, within
+  use viscovib_law_outside, only: call_outside
   use viscovib_vector_math, only: exponential_lanes, largest_angle, logarithm_lanes, &
     sine_cosine_lanes, tangent_lanes
   implicit none
@@ -122,7 +123,7 @@ contains
     real(wp), intent(in) :: x(n, *)
     !> Of its operands; the first becomes that of its value.
     logical, intent(inout) :: outside(n, *)
-    integer :: k
+    integer :: j, k
 
     select case (code)
     case (put_number, put_argument, number_for_one, number_for_two)
@@ -137,7 +138,9 @@ contains
       end do
     case default
       if (bounded(code)) outside(:, 1) = outside(:, 1) .or. leaves(code, number, x(:, 1))
-      if (operands(code) == 2) outside(:, 1) = outside(:, 1) .or. outside(:, 2)
+      do j = 2, operands(code)
+        outside(:, 1) = outside(:, 1) .or. outside(:, j)
+      end do
     end select
   end subroutine mark_outside
 
@@ -145,7 +148,7 @@ contains
   pure subroutine step(code, number, arguments, n, m, x, dx)
     integer, intent(in) :: code, n, m
     real(wp), intent(in) :: number, arguments(:, :)
-    real(wp), intent(inout) :: x(n, 3), dx(n, m, 3)
+    real(wp), intent(inout) :: x(n, *), dx(n, m, *)
     real(wp) :: by(n, 2)
     integer :: a, k
 
@@ -180,6 +183,8 @@ contains
         x(k, 1) = x(k, a)
         dx(k, :, 1) = dx(k, :, a)
       end do
+    case (called + 1:called + most_called)
+      call step_outside(number, n, m, operands(code), x, dx)
     case default
       call of_samples(code, number, n, x, by, m > 0)
       do a = 1, m
@@ -195,6 +200,24 @@ contains
       end do
     end select
   end subroutine step
+
+  !> A function outside of the core, of p operands.
+  pure subroutine step_outside(number, n, m, p, x, dx)
+    real(wp), intent(in) :: number
+    integer, intent(in) :: n, m, p
+    real(wp), intent(inout) :: x(n, p), dx(n, m, p)
+    real(wp) :: value(n), by(n, p)
+    integer :: a, k
+
+    call call_outside(number, m > 0, x, value, by)
+    do a = 1, m
+      dx(:, a, 1) = within(by(:, 1)*dx(:, a, 1))
+      do k = 2, p
+        dx(:, a, 1) = dx(:, a, 1) + within(by(:, k)*dx(:, a, k))
+      end do
+    end do
+    x(:, 1) = value
+  end subroutine step_outside
 
   !> A function at samples, in place of its first operand, and its derivatives by its operands; what
   !! the vector unit can do is done there.

@@ -1,6 +1,7 @@
 !> Lines of a plan: what is left out because it would change nothing.
 module viscovib_plan_text
   use viscovib_kinds, only: wp
+  use viscovib_law_functions, only: called
   use viscovib_load, only: load_type
   use viscovib_oscillator, only: oscillator_type
   use viscovib_polynomial, only: polynomial_type
@@ -8,7 +9,7 @@ module viscovib_plan_text
   implicit none
   private
 
-  public :: tell_idle, tell_preload, tell_zeros
+  public :: tell_idle, tell_laws, tell_zeros
 
   character(len=*), parameter :: nl = new_line('a')
 
@@ -41,16 +42,31 @@ contains
                                  //'(neither moved by load or start nor coupled to one that is)'//nl
   end function tell_idle
 
-  !> Laws that are not 0 at rest.
-  function tell_preload(system) result(text)
+  !> Laws that are not 0 at rest, and those that the core cannot compute itself.
+  function tell_laws(system) result(text)
     class(oscillator_type), intent(in) :: system
     character(len=:), allocatable :: text
     text = ''
+    if (n_outside(system) > 0) then
+      text = 'computes: '//things(n_outside(system), 'law')//' in Python, each time it is needed ' &
+             //'(a text would be computed faster)'//nl
+    end if
     if (force_at_rest(system) > 0.0_wp) then
-      text = 'computes: the static preload of laws that are not 0 at rest (up to ' &
+      text = text//'computes: the static preload of laws that are not 0 at rest (up to ' &
              //show(force_at_rest(system))//')'//nl
     end if
-  end function tell_preload
+  end function tell_laws
+
+  !> How many laws are functions outside of the core.
+  integer function n_outside(system)
+    class(oscillator_type), intent(in) :: system
+    integer :: i
+    n_outside = 0
+    select type (system)
+    class is (polynomial_type)
+      n_outside = count([(any(system%laws(i)%program%code > called), i=1, size(system%laws))])
+    end select
+  end function n_outside
 
   !> The largest force at rest of laws that are no polynomials, such as of a gap that is negative.
   real(wp) function force_at_rest(system)

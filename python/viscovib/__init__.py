@@ -84,6 +84,7 @@ _NAMES = {
     "systems.mount": "Mount",
     "systems.pendulum": "Pendulum",
     "systems.polynomial_system": "PolynomialSystem",
+    "systems.python_law": "PythonLaw",
     "systems.spring_groups": "Monomial Springs",
     "systems.structure": "Structure",
 }
@@ -294,6 +295,7 @@ if TYPE_CHECKING:
     from viscovib.systems.mount import Mount as Mount
     from viscovib.systems.pendulum import Pendulum as Pendulum
     from viscovib.systems.polynomial_system import PolynomialSystem as PolynomialSystem
+    from viscovib.systems.python_law import PythonLaw as PythonLaw
     from viscovib.systems.spring_groups import (
         Monomial as Monomial,
         Springs as Springs,

@@ -4,6 +4,7 @@ f2py checks shapes on one side only, truncates numbers to integers and copies si
 argument is brought to its exact type, shape and memory order here.
 """
 
+import ctypes
 import math
 import threading
 from collections.abc import Callable, Mapping
@@ -222,6 +223,8 @@ def shown(value: object) -> str:
 def call(routine: Callable[..., tuple[Any, ...]], *arguments: object) -> tuple[Any, ...]:
     """Call a flat routine and turn its status into an exception."""
     found = routine(*arguments)
+    if _unheard.error is not None:
+        raise_unheard()
     # What returns one thing returns no tuple.
     *results, status = found if type(found) is tuple else (found,)
     if status != 0:
@@ -229,6 +232,51 @@ def call(routine: Callable[..., tuple[Any, ...]], *arguments: object) -> tuple[A
         text = letters.tobytes().decode(errors="replace")
         raise FileError(text) if status == _IO_ERROR else InputError(text)
     return tuple(results)
+
+
+class _Unheard(threading.local):
+    """What a function that the core called raised, by thread: it cannot leave the core."""
+
+    error: BaseException | None = None
+
+
+_unheard = _Unheard()
+#: The procedure that the core calls, which must not be forgotten.
+_heard: list[Any] = []
+
+
+def raise_unheard() -> None:
+    """Raise what a function raised while the core was at work in this thread."""
+    error, _unheard.error = _unheard.error, None
+    if error is not None:
+        raise error
+
+
+def hear_of_functions(
+    answer: Callable[[int, FloatArray, bool], tuple[FloatArray, FloatArray | None]],
+) -> None:
+    """Let the core call functions by number: values and derivatives at operands, shape (m, n)."""
+    if _heard:
+        return
+    real = ctypes.POINTER(ctypes.c_double)
+
+    def outside(which: int, n: int, m: int, wanted: int, x: Any, value: Any, by: Any) -> None:
+        # After an error nothing counts that follows.
+        if _unheard.error is not None:
+            return
+        try:
+            values, slopes = answer(which, np.ctypeslib.as_array(x, (m, n)), bool(wanted))
+            np.ctypeslib.as_array(value, (n,))[:] = values
+            if slopes is not None:
+                np.ctypeslib.as_array(by, (m, n))[:] = slopes
+        except BaseException as error:
+            _unheard.error = error
+
+    kind = ctypes.CFUNCTYPE(
+        None, ctypes.c_int64, ctypes.c_int, ctypes.c_int, ctypes.c_int, real, real, real
+    )
+    _heard.append(kind(outside))
+    core.law_set_outside(ctypes.cast(_heard[0], ctypes.c_void_p).value)
 
 
 def call_interruptibly(

@@ -1,13 +1,15 @@
 """Force laws with functions: by NumPy's functions, SciPy's steps and the waveform's equation."""
 
+import re
+
 import numpy as np
 from scipy.integrate import solve_ivp
 
 from referee.case import Case, Claim, even, few, number
 
 JUDGES = (
-    "Spring", "Spring.degree", "Jenkins", "Jenkins.loop", "Jenkins.energy", "Response.extrapolated",
-    "PeriodicMotions.fall_off",
+    "PythonLaw", "Spring", "Spring.degree", "Jenkins", "Jenkins.loop", "Jenkins.energy",
+    "Response.extrapolated", "PeriodicMotions.fall_off",
 )  # fmt: skip
 
 #: Texts in x with numbers A and B, and the same for NumPy; all smooth.
@@ -101,6 +103,26 @@ state, outcome = m.state[-1], str(m.outcome)
         yield Claim("state", names["state"], run.y[:, -1], 1e-8)
 
     return Case(call, judge)
+
+
+#: How NumPy calls functions of texts that take complex numbers.
+_OF_NUMPY = {
+    "tanh": "np.tanh", "asinh": "np.arcsinh", "sin": "np.sin", "sqrt": "np.sqrt", "exp": "np.exp",
+    "^": "**",
+}  # fmt: skip
+
+
+def _called(rng, index):
+    """The same laws as functions of Python; not atan2, which takes no complex numbers."""
+    found = (_steady, _motion, _multipliers)[index % 3](rng, index // 3)
+
+    def function(law):
+        if "atan2" in law[1]:
+            return law[0]
+        body = re.sub(r"[a-z]+(?=\()|\^", lambda one: _OF_NUMPY[one[0]], law[1])
+        return f"forces=vv.PythonLaw(lambda x, x_dot: {body})"
+
+    return Case(re.sub(r"forces='([^']*)'", function, found.call), found.judge)
 
 
 def _contact(rng, index):
@@ -351,5 +373,6 @@ def _without_stops(nu, size):
 
 def case(rng, index):
     """Draw a law, and ask for its steady motion, stability, motion in time, or a structure's."""
-    kinds = (_steady, _motion, _element, _multipliers, _slider, _friction, _contact, _layer)
+    kinds = (_steady, _motion, _element, _multipliers, _slider, _friction, _contact, _layer,
+             _called)  # fmt: skip
     return kinds[index % len(kinds)](rng, index // len(kinds))

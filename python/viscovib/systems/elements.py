@@ -1,6 +1,6 @@
 """Local elements of a structure: springs and dampers along a direction, with laws and memory."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -14,6 +14,7 @@ from viscovib.kernels.relaxation import Kernel
 from viscovib.systems.contacts import Contact
 from viscovib.systems.friction import Hysteresis
 from viscovib.systems.laws import Law, parameter_values, read_law
+from viscovib.systems.python_law import PythonLaw, callable_law, python_law, python_laws
 
 #: What a direction may be: a coordinate, two of them for their difference, weights, or a vector.
 On = "str | int | tuple[str, str] | Mapping[str, float] | npt.ArrayLike"
@@ -34,13 +35,14 @@ class Spring:
         k (N/m), of any sign.
     damping : float
         c (N s/m), viscous, without memory.
-    law : str, optional
+    law : str or callable, optional
         f of the deflection d and its rate v, as a polynomial such as "k3*d^3" (degree up to 15) or
         with functions, such as "c*v*abs(v)", "F0*tanh(v/0.01)", "k*max(d - gap, 0)" or
         "where(d > 0, k1*d, k2*d)": sin, cos, tan, asin, acos, atan, atan2, sinh, cosh, tanh, asinh,
         acosh, atanh, exp, log, sqrt, abs, sign, heaviside, pow, min, max, where, comparisons and
         pi. What is linear at rest adds to k and c (behind a kernel c v stays in the law). What is
-        not 0 at rest, as ``d^3 + 0.3``, is a static preload.
+        not 0 at rest, as ``d^3 + 0.3``, is a static preload. Or a function of d, v and parameters:
+        `PythonLaw`.
     parameters : mapping of str to float, optional
         Numbers that the law names.
     kernel : Kernel, optional
@@ -56,7 +58,7 @@ class Spring:
     on: Any
     stiffness: float = 0.0
     damping: float = 0.0
-    law: str | None = None
+    law: str | PythonLaw | Callable[..., Any] | None = None
     parameters: Mapping[str, float] | None = None
     kernel: Kernel | None = None
 
@@ -65,6 +67,7 @@ class Spring:
             object.__setattr__(self, name, _native.number(name, getattr(self, name)))
         if not (self.kernel is None or isinstance(self.kernel, Kernel)):
             raise InputError(f"kernel = {_native.shown(self.kernel)}: must be a Kernel or None")
+        object.__setattr__(self, "law", python_law(self.law))
         terms, program, damping = _law_terms(self.law, self.parameters, self.kernel is not None)
         object.__setattr__(self, "_law_damping", damping)
         object.__setattr__(self, "_terms", terms)
@@ -116,7 +119,7 @@ class Coupling:
     """
 
     on: Mapping[str, Any]
-    law: Mapping[str, str]
+    law: Mapping[str, str | PythonLaw | Callable[..., Any]]
     parameters: Mapping[str, float] | None = None
     kernel: Kernel | None = None
 
@@ -136,6 +139,7 @@ class Coupling:
         values = parameter_values(self.parameters, (*taken, *(f"{one}_dot" for one in taken)))
         if not isinstance(self.law, Mapping) or not self.law:
             raise InputError(f"law = {_native.shown(self.law)}: must be a mapping to texts")
+        object.__setattr__(self, "law", python_laws(self.law))
         names = tuple(self.on)
         forces: dict[tuple[int, tuple[int, ...]], float] = {}
         programs: list[tuple[int, Law]] = []
@@ -143,14 +147,14 @@ class Coupling:
             where = f"law[{name!r}]"
             if name not in names:
                 raise InputError(f"{where}: must be one of the deflections {', '.join(names)}")
-            if not isinstance(text, str):
-                raise InputError(f"{where} = {_native.shown(text)}: must be a text")
+            if not isinstance(text, str) and not callable_law(text):
+                raise InputError(f"{where} = {_native.shown(text)}: must be a text or a function")
             found = read_law(where, text, names, values, [f"{one}_dot" for one in names])
             if isinstance(found, Law):
                 if found.slopes_at_rest.any():
                     raise InputError(
-                        f"{where} = {text!r}: must have no linear part at rest (what is linear "
-                        "belongs to the stiffness of the structure)"
+                        f"{where} = {found.text!r}: must have no linear part at rest (what is "
+                        "linear belongs to the stiffness of the structure)"
                     )
                 programs.append((names.index(name), found))
                 continue
@@ -308,8 +312,10 @@ def _law_terms(
         if parameters is not None and not (isinstance(parameters, Mapping) and not parameters):
             raise InputError("parameters: must not be given without a law")
         return {}, None, 0.0
-    if not isinstance(law, str):
-        raise InputError(f"law = {_native.shown(law)}: must be a text such as 'k3*d^3'")
+    if not isinstance(law, str) and not callable_law(law):
+        raise InputError(
+            f"law = {_native.shown(law)}: must be a text such as 'k3*d^3', or a function"
+        )
     values = parameter_values(parameters, ("d", "v"))
     found = read_law("law", law, ("d",), values, ("v",), preloaded=True)
     if isinstance(found, Law):

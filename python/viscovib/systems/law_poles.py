@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from viscovib._native import FloatArray
-from viscovib.systems.laws import Law
+from viscovib.systems.laws import _CALLED, Law
 from viscovib.systems.polynomial_system import PolynomialSystem
 from viscovib.systems.structure import Structure
 
@@ -359,6 +359,8 @@ def _n_operands(code: int) -> int:
         return 0
     if code == _WHERE:
         return 3
+    if code > _CALLED:
+        return code - _CALLED
     two = _ADD <= code <= _POWER or _ATAN2 <= code <= _ATLEAST or code > _WHERE
     return 2 if two else 1
 

@@ -6,6 +6,7 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -13,11 +14,14 @@ from viscovib import _native
 from viscovib._native import FloatArray, core
 from viscovib.common.expression import Polynomial, expand
 from viscovib.errors import InputError
+from viscovib.systems.python_law import CalledLaw, PythonLaw
 
 _FIELD, _MAX_CODE, _MAX_LENGTH = 64, 2000, 20_000
 #: Instructions of the core.
 _NUMBER, _ARGUMENT, _SUBTRACT, _MULTIPLY = 1, 2, 4, 5
 _ODD = -1
+#: A function of Python of n operands is this + n; its number is its place among `Law.calls`.
+_CALLED = 40
 #: Those with a kink or a jump: abs, sign, heaviside, min, max and comparisons.
 _BRANCHES = (26, 27, 28, 30, 31, 32, 33, 34, 35)
 #: What the core gives outside a domain, and how near to rest a law must have a value.
@@ -48,13 +52,26 @@ class Law:
     n_rates: int = 0
     #: What has hysteresis (1: Jenkins, 2: Bouc-Wen, 3: Dahl): its program only holds its numbers.
     state: int = 0
+    #: Functions of Python that it calls.
+    calls: tuple[CalledLaw, ...] = ()
 
     def __call__(self, at: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Values, shape (n,), and derivatives, shape (n, n_arguments), at (n, n_arguments)."""
         code = np.array(self.code, dtype=np.intc)
-        number = np.array(self.number)
+        number = np.array(self._numbers_of_core)
         value, slopes = core.law_values(code, number, np.asfortranarray(at))
+        _native.raise_unheard()
         return np.asarray(value), np.asarray(slopes)
+
+    @property
+    def _numbers_of_core(self) -> tuple[float, ...]:
+        """Numbers of its instructions, those of functions as the core knows them."""
+        if not self.calls:
+            return self.number
+        return tuple(
+            float(self.calls[int(x)].number) if code > _CALLED else x  # type: ignore[attr-defined]
+            for code, x in zip(self.code, self.number, strict=True)
+        )
 
     @cached_property
     def slopes_at_rest(self) -> FloatArray:
@@ -94,6 +111,22 @@ class Law:
         parity = self.parity if self.parity == _ODD or len(code) == len(self.code) else 0
         return replace(self, code=tuple(code), number=tuple(number), parity=parity)
 
+    def less(self, other: Law) -> Law:
+        """Return the difference of two laws of the same arguments."""
+        places = [
+            number + len(self.calls) if code > _CALLED else number
+            for code, number in zip(other.code, other.number, strict=True)
+        ]
+        return replace(
+            self,
+            text=f"({self.text}) - ({other.text})",
+            code=(*self.code, *other.code, _SUBTRACT),
+            number=(*self.number, *places, 0.0),
+            parity=self.parity if self.parity == other.parity else 0,
+            degree=max(self.degree, other.degree) if self.degree and other.degree else 0,
+            calls=(*self.calls, *other.calls),
+        )
+
     def with_arguments(self, texts: Mapping[str, str]) -> str:
         """Return its text with other expressions in place of arguments."""
         return re.sub(r"[A-Za-z_]\w*", lambda m: f"({texts[m[0]]})" if m[0] in texts else m[0],
@@ -120,7 +153,7 @@ class Law:
         place = {old + 1: new for new, old in enumerate(used, start=1)}
         steps = [
             x
-            for code, number in zip(self.code, self.number, strict=True)
+            for code, number in zip(self.code, self._numbers_of_core, strict=True)
             for x in (code, place[int(number)] if code == _ARGUMENT else number)
         ]
         head = [len(used), len(targets), len(self.code), kernel]
@@ -159,9 +192,43 @@ def compile_law(
 _UNFINISHED = "its end is found where a number, a name or ( should be"
 
 
+def called_law(
+    where: str,
+    function: object,
+    arguments: Sequence[str],
+    parameters: Mapping[str, float],
+    rates: Sequence[str],
+) -> Law:
+    """Return a function of Python as a law; its parameters are numbers, so that they may vary."""
+    law = function if isinstance(function, PythonLaw) else PythonLaw(function)  # type: ignore[arg-type]
+    variables = [*arguments, *rates]
+    called = law._bound_to(where, variables, parameters)
+    called.check(where, parameters)
+    steps = [
+        (_ARGUMENT, variables.index(name) + 1.0) if variable else (_NUMBER, parameters[name])
+        for name, variable in zip(called.names, called.of_variables, strict=True)
+    ]
+    steps.append((_CALLED + len(steps), 0.0))
+    code, number = zip(*steps, strict=True)
+    text = f"{law._name}({', '.join(called.names)})"
+    found = Law(text, tuple(variables), code, number, 0, n_rates=len(rates), calls=(called,))
+    _refuse_edge(where, found)
+    return found
+
+
+def _refuse_edge(where: str, law: Law) -> None:
+    """Refuse a law that has no value around rest."""
+    n = len(law.arguments)
+    near = _NEAR * np.concatenate([np.zeros((1, n)), np.eye(n), -np.eye(n)])
+    if (np.abs(law(near)[0]) >= _WALL).any():
+        raise InputError(
+            f"{where} = {law.text!r}: must be defined around rest, where what it depends on is 0"
+        ) from None
+
+
 def read_law(
     where: str,
-    text: str,
+    text: Any,
     arguments: Sequence[str],
     parameters: Mapping[str, float],
     rates: Sequence[str] = (),
@@ -171,9 +238,13 @@ def read_law(
 ) -> Polynomial | Law:
     """Return a text as a polynomial in its arguments if it is one, else compiled.
 
+    Or a function, as a law that calls it.
+
     ``rates``: names for the rates of the arguments, one each; what has any is compiled. ``named``:
     whether the caller can give it parameters. ``preloaded``: what is not 0 at rest is compiled.
     """
+    if not isinstance(text, str):
+        return called_law(where, text, arguments, parameters, rates)
     names = [*arguments, *parameters]
     try:
         terms = expand(where, text, names)
@@ -190,12 +261,7 @@ def read_law(
                 or str(other).endswith(_UNFINISHED)
             )
             raise (other if told else error) from None
-        n = len(law.arguments)
-        near = _NEAR * np.concatenate([np.zeros((1, n)), np.eye(n), -np.eye(n)])
-        if (np.abs(law(near)[0]) >= _WALL).any():
-            raise InputError(
-                f"{where} = {text!r}: must be defined around rest, where what it depends on is 0"
-            ) from None
+        _refuse_edge(where, law)
         return law
     result: Polynomial = {}
     for powers, c in terms.items():

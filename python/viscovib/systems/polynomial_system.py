@@ -20,8 +20,9 @@ from viscovib.systems.condensed import Condensation, LoadedStructure
 from viscovib.systems.laws import parameter_values
 from viscovib.systems.load import LoadLike, load_series, name_places
 from viscovib.systems.mount import check_dynamic_frequencies, warn_of_creep
+from viscovib.systems.python_law import python_laws
 from viscovib.systems.spring_groups import (
-    Monomial,
+    Forces,
     SpringGroup,
     Springs,
     spring_group,
@@ -59,7 +60,8 @@ class PolynomialSystem:
         one per coordinate. Expressions have +, -, *, /, ^ and whole powers, degree up to 15.
         Texts with functions, such as ``"tanh(x)"`` or ``"max(x1 - x2 - 0.1, 0)"``, are forces
         too (functions and derivatives as of `Spring`), and texts with rates, such as
-        ``"0.2*x_dot*abs(x_dot)"``: ``x_dot`` is the rate of ``x``. Or `Monomial` s, for programs.
+        ``"0.2*x_dot*abs(x_dot)"``: ``x_dot`` is the rate of ``x``. Or functions of Python
+        (`PythonLaw`), or `Monomial` s, for programs.
     kernel : Kernel, optional
         Relaxation kernel of this stiffness and these forces; None: no memory.
     damping : array_like, optional
@@ -100,7 +102,7 @@ class PolynomialSystem:
 
     mass: npt.ArrayLike
     stiffness: npt.ArrayLike | None = None
-    forces: str | Mapping[str, str] | Sequence[str] | Sequence[Monomial] | None = None
+    forces: Forces = None
     kernel: Kernel | None = None
     damping: npt.ArrayLike | None = None
     springs: Sequence[Springs] = ()
@@ -137,6 +139,7 @@ class PolynomialSystem:
         self._set("damping", square_matrix("damping", self.damping, n))
         if not isinstance(self.springs, (list, tuple)):
             raise InputError("springs: must be a sequence of Springs, such as [Springs(...)]")
+        self._set("forces", python_laws(self.forces))
         own = Springs(stiffness=self.stiffness, forces=self.forces, kernel=self.kernel)
         rates = [f"{name}_dot" for name in self.dof_names]
         values = parameter_values(self.parameters, (*self.dof_names, *rates))

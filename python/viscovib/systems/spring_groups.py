@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -15,6 +15,12 @@ from viscovib.common.expression import MAX_DEGREE, Polynomial
 from viscovib.errors import InputError
 from viscovib.kernels.relaxation import Kernel
 from viscovib.systems.laws import Law, read_law
+from viscovib.systems.python_law import PythonLaw, callable_law, python_laws
+
+#: What forces may be: of one coordinate a law, else laws by equation, or one each; or monomials.
+Forces: TypeAlias = (
+    "str | PythonLaw | Callable[..., Any] | Mapping[str, Any] | Sequence[Any] | None"
+)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -58,8 +64,11 @@ class Springs:
     """
 
     stiffness: npt.ArrayLike | None = None
-    forces: str | Mapping[str, str] | Sequence[str] | Sequence[Monomial] | None = None
+    forces: Forces = None
     kernel: Kernel | None = None
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "forces", python_laws(self.forces))
 
 
 class SpringGroup(NamedTuple):
@@ -141,14 +150,18 @@ def _by_equation(
     """Polynomials or other laws, each with its equation and what an error calls it."""
     if forces is None:
         return []
-    if isinstance(forces, str):
+    if isinstance(forces, str) or callable_law(forces):
         if len(names) > 1:
             raise InputError(
                 f"{where} = {_native.shown(forces)}: must say on which equation, such as "
                 f"{{{names[0]!r}: {forces!r}}}"
             )
         forces = {names[0]: forces}
-    if isinstance(forces, (list, tuple)) and forces and isinstance(forces[0], str):
+    if (
+        isinstance(forces, (list, tuple))
+        and forces
+        and (isinstance(forces[0], str) or callable_law(forces[0]))
+    ):
         if len(forces) != len(names):
             raise InputError(
                 f"{where}: {len(forces)} texts, must be {len(names)}, one per coordinate, or a "
@@ -159,9 +172,10 @@ def _by_equation(
         result: list[tuple[str, int, Polynomial | Law]] = []
         for key, text in forces.items():
             place = f"{where}[{key!r}]"
-            if not isinstance(text, str):
+            if not isinstance(text, str) and not callable_law(text):
                 raise InputError(
-                    f"{place} = {_native.shown(text)}: must be a text such as '2*{names[0]}^3'"
+                    f"{place} = {_native.shown(text)}: must be a text such as '2*{names[0]}^3', or "
+                    "a function"
                 )
             rates = [f"{name}_dot" for name in names]
             law = read_law(place, text, names, parameters, rates, preloaded=True)

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import re
 from copy import copy
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from viscovib import _native
 from viscovib.errors import InputError
 from viscovib.systems.elements import Coupling, ElementTerms, Spring, _law_terms
-from viscovib.systems.laws import _ARGUMENT, _MULTIPLY, _NUMBER, _ODD, Law, compile_law
+from viscovib.systems.laws import _ARGUMENT, _MULTIPLY, _NUMBER, _ODD, Law, called_law, compile_law
 from viscovib.systems.load import LoadLike
 from viscovib.systems.structure import Structure
 from viscovib.systems.varying import Varied, affine
@@ -87,6 +87,13 @@ def _element(structure: Structure, name: object) -> tuple[int, str]:
     return place, key
 
 
+def _program(where: str, law: Any, parameters: dict[str, float]) -> Law:
+    """Return a law as a program, one that is a polynomial too."""
+    if isinstance(law, str):
+        return compile_law(where, law, ("d", "v"), parameters, 1)
+    return called_law(where, law, ("d",), parameters, ("v",))
+
+
 def _variant(structure: Structure, name: str, place: int, key: str, value: float) -> Structure:
     """Return the structure with another value, its linear rest as before."""
     spring = structure.elements[place]
@@ -108,10 +115,8 @@ def _variant(structure: Structure, name: str, place: int, key: str, value: float
             higher = {power: c for power, c in powers.items() if power > 1}
             terms[at] = own._replace(powers=linear | higher)
         else:
-            was = re.sub(rf"\b{key}\b", f"({before[key]!r})", spring.law)
-            given = {**before, key: value}
-            text = f"({spring.law}) - ({was})"
-            law = compile_law(f"vary = {name!r}", text, ("d", "v"), given, 1)
+            where, given = f"vary = {name!r}", {**before, key: value}
+            law = _program(where, spring.law, given).less(_program(where, spring.law, before))
             terms.append(ElementTerms(own.direction, {}, 0.0, own.kernel, law))
     result = copy(structure)
     # Its modes stay, and so does a reduction.

@@ -1,0 +1,62 @@
+!> Functions outside of the core that laws call by number, as those that users write in Python.
+!!
+!! Whoever hosts the core hands over one procedure, which knows what the numbers mean. A function
+!! takes whole arrays of samples and gives its derivatives too; it must always give the same for the
+!! same operands.
+module viscovib_law_outside
+  use, intrinsic :: iso_c_binding, only: c_double, c_f_procpointer, c_funptr, c_int, c_int64_t
+  use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
+  use viscovib_kinds, only: wp
+  use viscovib_law_functions, only: wall, within
+  implicit none
+  private
+
+  public :: call_outside, set_outside
+
+  abstract interface
+    !> A function at samples, and if `wanted` is 1 its derivatives by each operand.
+    pure subroutine outside_interface(which, n, m, wanted, x, value, by) bind(c)
+      import :: c_double, c_int, c_int64_t
+      integer(c_int64_t), intent(in), value :: which
+      integer(c_int), intent(in), value :: n, m, wanted
+      !> Shapes (n, m), (n) and (n, m).
+      real(c_double), intent(in) :: x(*)
+      real(c_double), intent(inout) :: value(*), by(*)
+    end subroutine outside_interface
+  end interface
+
+  procedure(outside_interface), pointer :: outside => null()
+
+contains
+
+  !> Tell which procedure knows the functions.
+  subroutine set_outside(procedure_at)
+    type(c_funptr), intent(in) :: procedure_at
+    call c_f_procpointer(procedure_at, outside)
+  end subroutine set_outside
+
+  !> A function at samples, and its derivatives by each operand, if they are wanted; where it is no
+  !! finite number, or nobody knows it, there is the wall.
+  pure subroutine call_outside(which, wanted, x, value, by)
+    real(wp), intent(in) :: which
+    logical, intent(in) :: wanted
+    !> Shapes (n, m), (n) and (n, m).
+    real(wp), intent(in), contiguous :: x(:, :)
+    real(wp), intent(out), contiguous :: value(:), by(:, :)
+    integer :: k
+
+    value = wall
+    by = 0.0_wp
+    if (associated(outside)) call outside(nint(which, c_int64_t), size(x, 1), size(x, 2), &
+                                          merge(1, 0, wanted), x, value, by)
+    do k = 1, size(value)
+      if (ieee_is_finite(value(k)) .and. abs(value(k)) < wall) then
+        by(k, :) = within(by(k, :))
+      else
+        value(k) = wall
+        by(k, :) = 0.0_wp
+      end if
+    end do
+  end subroutine call_outside
+
+end module viscovib_law_outside

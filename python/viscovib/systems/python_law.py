@@ -1,0 +1,353 @@
+"""Force laws that are functions of Python, for what a text cannot say."""
+
+from __future__ import annotations
+
+import inspect
+import secrets
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+from weakref import WeakValueDictionary
+
+import numpy as np
+import numpy.typing as npt
+
+from viscovib import _native
+from viscovib._native import FloatArray
+from viscovib.errors import InputError
+
+#: Arguments and parameters of a function together, at most: as many as the core hands over.
+MOST_OPERANDS = 8
+#: Imaginary part of an argument whose derivative is taken: its square is nothing beside 1e-16.
+_STEP = 1e-40
+#: A derivative is held against differences at places of these sizes, so many of each, by these
+#: parts of the size. Differences that agree with each other tell; so much else is wrong.
+_SIZES, _OF_EACH, _PARTS = np.logspace(-6, 3, 10), 6, (1e-5, 1e-6)
+_AGREE, _WRONG, _MOST_WRONG = 1e-3, 1e-2, 1
+#: Rounding of values, and slopes of which it may leave nothing, as a part of the largest.
+_ROUNDING, _DROWNED = 1e-14, 1e-6
+#: How well a function of an array and of one number must agree.
+_SAME = 1e-9
+#: Functions that the core may call, by number.
+_called: WeakValueDictionary[int, CalledLaw] = WeakValueDictionary()
+
+
+@dataclass(frozen=True, eq=False)
+class PythonLaw:
+    """A force law that is a function of Python, where a text cannot say it.
+
+    It works wherever a text does in `Spring`, `Coupling` and `PolynomialSystem`, with and without
+    memory, but slower: each time a force is needed the function is called with arrays of samples,
+    some 20 us a call beside less than 1 us for a text. Plans say so. A function alone,
+    ``law=lambda d, v: ...``, is taken as ``PythonLaw(function)``. Two things a text can do a
+    function cannot: steps in time do not end where it has a kink or a jump, and layers thinner
+    than a step are not looked for, so it should be smooth. Scenes and bodies take texts only.
+
+    Parameters
+    ----------
+    function : callable
+        f of arrays, entry by entry, as NumPy's functions are; NaN where it has no value. Its
+        arguments are named as a text would name them: ``d`` and ``v`` of a `Spring`, coordinates
+        and rates (``x``, ``x_dot``) of a `PolynomialSystem`, and parameters; 8 at most. Those with
+        a default may be left out.
+    slopes : callable, optional
+        Its derivatives by the arguments that are no parameters, in their order: a function of the
+        same arguments that returns an array, or a tuple of arrays if there are several. None: by
+        the complex step Im f(d + ih)/h, exact for a function that takes complex numbers and is
+        analytic, which ``abs`` is not. Either is held against differences when the system is made.
+    arguments : sequence of str, optional
+        Names of the arguments, in order, for functions that do not tell, such as those of SciPy.
+
+    Examples
+    --------
+    >>> import numpy as np, viscovib as vv
+    >>> law = vv.PythonLaw(lambda d, k: k * np.arctan(d**3))
+    >>> spring = vv.Spring(on="x1", law=law, parameters={"k": 2.0})
+    >>> from scipy.interpolate import CubicSpline
+    >>> measured = CubicSpline([-2, -1, 0, 1, 2], [-5.0, -1.4, 0, 1.4, 5.0])
+    >>> rubber = vv.PythonLaw(lambda d: measured(d), slopes=lambda d: measured(d, 1))
+    """
+
+    function: Callable[..., Any]
+    slopes: Callable[..., Any] | None = None
+    arguments: Sequence[str] | None = None
+
+    def __post_init__(self) -> None:
+        for name in ("function", "slopes"):
+            value = getattr(self, name)
+            if not callable(value) and not (value is None and name == "slopes"):
+                raise InputError(f"{name} = {_native.shown(value)}: must be a function")
+        if self.arguments is not None:
+            names = self.arguments
+            if isinstance(names, str) or not all(isinstance(name, str) for name in names):
+                raise InputError(f"arguments = {_native.shown(names)}: must be a sequence of names")
+            object.__setattr__(self, "arguments", tuple(names))
+
+    @property
+    def _name(self) -> str:
+        """What messages call it."""
+        return str(getattr(self.function, "__name__", type(self.function).__name__))
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {
+            "function": self.function, "slopes": self.slopes, "arguments": self.arguments,
+        }  # fmt: skip
+
+    def _bound_to(
+        self, where: str, variables: Sequence[str], parameters: Mapping[str, float]
+    ) -> CalledLaw:
+        """Return it with its operands: which of its arguments are variables, which parameters."""
+        names: list[str] = []
+        keywords: list[bool] = []
+        left_out = False
+        for name, needed, keyword in self._asked(where):
+            if name in variables or name in parameters:
+                names.append(name)
+                keywords.append(keyword or left_out)
+            elif not needed:
+                left_out = True
+            else:
+                raise InputError(
+                    f"{where}: the argument {name!r} of {self._name} is neither a variable "
+                    f"({', '.join(variables[:8])}) nor a parameter; to make it one, give "
+                    f"parameters={{{name!r}: its value}}"
+                )
+        of_variables = tuple(name in variables for name in names)
+        if not any(of_variables):
+            raise InputError(
+                f"{where}: {self._name} must have one of {', '.join(variables[:8])} as an argument"
+            )
+        if len(names) > MOST_OPERANDS:
+            raise InputError(
+                f"{where}: {self._name} has {len(names)} arguments, must have at most "
+                f"{MOST_OPERANDS}"
+            )
+        key = (tuple(names), of_variables)
+        kept: dict[Any, CalledLaw] = self.__dict__.setdefault("_bound", {})
+        if key not in kept:
+            kept[key] = CalledLaw(self, *key, tuple(keywords))
+        return kept[key]
+
+    def _asked(self, where: str) -> list[tuple[str, bool, bool]]:
+        """Names of its arguments, whether each must be given, and whether by name."""
+        if self.arguments is not None:
+            return [(name, True, False) for name in self.arguments]
+        kinds = inspect.Parameter
+        try:
+            asked = inspect.signature(self.function).parameters.values()
+        except (TypeError, ValueError):
+            asked = None
+        if asked is None or any(p.kind in (kinds.VAR_POSITIONAL, kinds.VAR_KEYWORD) for p in asked):
+            raise InputError(
+                f"{where}: {self._name} does not tell its arguments; name them, "
+                "PythonLaw(function, arguments=['d'])"
+            )
+        return [(p.name, p.default is kinds.empty, p.kind is kinds.KEYWORD_ONLY) for p in asked]
+
+
+@dataclass(frozen=True, eq=False)
+class CalledLaw:
+    """A function with its operands, as the core calls it by number."""
+
+    law: PythonLaw
+    names: tuple[str, ...]
+    of_variables: tuple[bool, ...]
+    #: Which of them are given by name.
+    keywords: tuple[bool, ...]
+
+    def __post_init__(self) -> None:
+        # By chance, so that numbers which travel to another process with a system mean the same.
+        self._register(secrets.randbits(52))
+
+    def _register(self, number: int) -> None:
+        object.__setattr__(self, "number", number)
+        _called[number] = self
+        _native.hear_of_functions(_answer)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        parts = (self.law, self.names, self.of_variables, self.keywords)
+        return _restored, (self.number, *parts)  # type: ignore[attr-defined]
+
+    def __deepcopy__(self, memo: Any) -> CalledLaw:
+        return self
+
+    def values(self, rows: npt.NDArray[Any]) -> npt.NDArray[Any]:
+        """The function at operands, shape (m, n)."""
+        return self._called(self.law.function, rows)[0]
+
+    def _called(
+        self, function: Callable[..., Any], rows: npt.NDArray[Any], several: bool = False
+    ) -> list[npt.NDArray[Any]]:
+        own = [np.array(row) for row in rows]
+        by_name = dict(zip(self.names, own, strict=True))
+        first = [row for row, keyword in zip(own, self.keywords, strict=True) if not keyword]
+        rest = {n: by_name[n] for n, keyword in zip(self.names, self.keywords, strict=True)
+                if keyword}  # fmt: skip
+        with np.errstate(all="ignore"):
+            found = function(*first, **rest)
+        parts = list(found) if several and isinstance(found, (tuple, list)) else [found]
+        shape = rows.shape[1:]
+        result = []
+        for part in parts:
+            array = np.asarray(part)
+            if array.dtype.kind not in "biufc" or (
+                array.dtype.kind == "c" and rows.dtype.kind != "c"
+            ):
+                raise InputError(f"{self.law._name} must return real numbers, got {array.dtype}")
+            if array.shape not in ((), shape):
+                raise InputError(
+                    f"{self.law._name} must return one number for each entry of its arguments, "
+                    f"shape {shape}, got {array.shape}"
+                )
+            result.append(np.broadcast_to(array, shape))
+        return result
+
+    def derivatives(self, rows: FloatArray) -> FloatArray:
+        """By each operand, shape (m, n); 0 by parameters."""
+        found = np.zeros_like(rows)
+        places = np.flatnonzero(self.of_variables)
+        if self.law.slopes is not None:
+            parts = self._called(self.law.slopes, rows, several=True)
+            if len(parts) != places.size:
+                raise InputError(
+                    f"slopes of {self.law._name}: {len(parts)} derivatives, must be {places.size}"
+                )
+            found[places] = parts
+            return found
+        for place in places:
+            at = rows.astype(complex)
+            at[place] += 1j * _STEP
+            found[place] = self.values(at).imag / _STEP
+        return found
+
+    def answer(self, rows: FloatArray, wanted: bool) -> tuple[FloatArray, FloatArray | None]:
+        """Values and derivatives; where it has no value both are not finite."""
+        values = np.asarray(self.values(rows), dtype=float)
+        if not wanted:
+            return values, None
+        slopes = self.derivatives(rows)
+        lost = np.isfinite(values) & ~np.isfinite(slopes).all(axis=0)
+        if lost.any():
+            at = ", ".join(
+                f"{name} = {row[lost][0]:g}" for name, row in zip(self.names, rows, strict=True)
+            )
+            raise InputError(f"{self.law._name} has no finite derivative at {at}")
+        return values, slopes
+
+    def check(self, where: str, parameters: Mapping[str, float]) -> None:
+        """Refuse a function that works on no arrays, or whose derivatives are others."""
+        rng = np.random.default_rng(0)
+        n = _SIZES.size * _OF_EACH
+        rows = rng.uniform(-1, 1, (len(self.names), n)) * np.repeat(_SIZES, _OF_EACH)
+        for row, name, variable in zip(rows, self.names, self.of_variables, strict=True):
+            if not variable:
+                row[:] = parameters[name]
+        try:
+            values = np.asarray(self.values(rows), dtype=float)
+            alone = np.array([self.values(rows[:, i : i + 1])[0] for i in range(n)], dtype=float)
+        except InputError as error:
+            raise InputError(f"{where}: {error}") from None
+        except Exception as error:
+            raise InputError(
+                f"{where}: {self.law._name} raised {type(error).__name__} "
+                f"({_native.shown(error)}): must take arrays, entry by entry (np.where instead of "
+                "if)"
+            ) from error
+        sound = np.isfinite(values) & np.isfinite(alone)
+        if (np.abs(values - alone)[sound] > _SAME * np.abs(values[sound])).any():
+            raise InputError(
+                f"{where}: {self.law._name} gives other numbers for an array than for its entries"
+            )
+        self._check_slopes(where, rows, values)
+
+    def _check_slopes(self, where: str, rows: FloatArray, values: FloatArray) -> None:
+        try:
+            slopes = self.derivatives(rows)
+        except InputError as error:
+            raise InputError(f"{where}: {error}") from None
+        except Exception as error:
+            if self.law.slopes is None:
+                raise InputError(
+                    f"{where}: {self.law._name} takes no complex numbers, of which its derivatives "
+                    f"are made ({type(error).__name__}): give PythonLaw(function, slopes=...)"
+                ) from None
+            raise InputError(
+                f"{where}: slopes of {self.law._name} raised {type(error).__name__} "
+                f"({_native.shown(error)})"
+            ) from error
+        largest = np.max(np.abs(slopes), axis=1, initial=0.0, where=np.isfinite(slopes))
+        for place in np.flatnonzero(self.of_variables):
+            near, nearer = (self._differences(rows, int(place), part) for part in _PARTS)
+            size = np.maximum(np.abs(near), np.abs(slopes[place]))
+            told = np.abs(near - nearer) <= _AGREE * np.maximum(np.abs(near), np.abs(nearer))
+            # Differences know no more than rounding of the values leaves, and of what they are made
+            # of: small slopes may drown in it.
+            drowned = (near == 0) & (np.abs(slopes[place]) < _DROWNED * largest[place])
+            doubt = _ROUNDING * np.abs(values) / (min(_PARTS) * np.abs(rows[place]))
+            wrong = told & ~drowned & (np.abs(slopes[place] - near) > _WRONG * size + doubt)
+            if np.count_nonzero(wrong) > _MOST_WRONG:
+                i = int(wrong.argmax())
+                at = ", ".join(
+                    f"{name} = {row[i]:.3g}" for name, row in zip(self.names, rows, strict=True)
+                )
+                how = "its slopes give" if self.law.slopes is not None else "the complex step gives"
+                hint = (
+                    "" if self.law.slopes is not None
+                    else "; it is not analytic (abs?): give PythonLaw(function, slopes=...)"
+                )  # fmt: skip
+                raise InputError(
+                    f"{where}: the derivative of {self.law._name} by {self.names[place]} is "
+                    f"{near[i]:.6g} at {at} by differences, {how} {slopes[place][i]:.6g}{hint}"
+                )
+
+    def _differences(self, rows: FloatArray, place: int, part: float) -> FloatArray:
+        step = part * np.abs(rows[place])
+        below, above = rows.copy(), rows.copy()
+        below[place] -= step
+        above[place] += step
+        with np.errstate(all="ignore"):
+            return np.asarray((self.values(above) - self.values(below)) / (2 * step))
+
+
+def callable_law(value: object) -> bool:
+    """Whether a law is given as a function."""
+    return isinstance(value, PythonLaw) or callable(value)
+
+
+def python_law(value: Any) -> Any:
+    """Return a function as a law, so that it stays one and the same; all else as it is."""
+    return PythonLaw(value) if callable(value) else value
+
+
+def python_laws(forces: Any) -> Any:
+    """Return forces of a system with functions among them as laws."""
+    if isinstance(forces, Mapping):
+        return {key: python_law(value) for key, value in forces.items()}
+    if isinstance(forces, (list, tuple)):
+        return tuple(map(python_law, forces))
+    return python_law(forces)
+
+
+def _restored(number: int, *parts: Any) -> CalledLaw:
+    """Return the function of this number; from another process it is known here too now."""
+    if number in _called:
+        return _called[number]
+    found = CalledLaw(*parts)
+    del _called[found.number]  # type: ignore[attr-defined]
+    found._register(number)
+    return found
+
+
+def _answer(number: int, rows: FloatArray, wanted: bool) -> tuple[FloatArray, FloatArray | None]:
+    """What the core asks for."""
+    found = _called.get(number)
+    if found is None:
+        raise InputError("a force law in Python is called whose system is gone")
+    try:
+        return found.answer(rows, wanted)
+    except InputError as error:
+        raise InputError(f"the law {found.law._name}: {error}") from None
+    except Exception as error:
+        raise InputError(
+            f"the law {found.law._name} raised {type(error).__name__} ({_native.shown(error)})"
+        ) from error

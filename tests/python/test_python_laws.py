@@ -1,0 +1,237 @@
+"""Force laws that are functions of Python: as texts do, derivatives, errors, other processes."""
+
+import math
+import pickle
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+import viscovib as vv
+from viscovib.common.fingerprint import digest
+
+ONE = {"mass": 1, "stiffness": 1, "damping": 0.1}
+RUBBER = vv.RzhanitsynKernel(amplitude=0.2, alpha=0.5, beta=0.5)
+TEXT = "k*tanh(x) + 0.2*x_dot*cos(x)"
+
+
+def bent(x, x_dot, k):
+    return k * np.tanh(x) + 0.2 * x_dot * np.cos(x)
+
+
+def bent_slopes(x, x_dot, k):
+    return k / np.cosh(x) ** 2 - 0.2 * x_dot * np.sin(x), 0.2 * np.cos(x)
+
+
+def pair(forces=bent, text=TEXT, **more):
+    parameters = {"k": 0.7}
+    return [
+        vv.PolynomialSystem(**ONE | more, forces=law, parameters=parameters)
+        for law in (text, forces)
+    ]
+
+
+def differ(text, python):
+    """By how much: of a function it is not known that it is odd, so even orders are kept."""
+    places = [list(python.harmonics).index(k) for k in text.harmonics]
+    rest = np.delete(python.coefficients, places, axis=2)
+    left = python.coefficients[:, :, places] - text.coefficients
+    return max(np.abs(left).max(), np.abs(rest).max(initial=0.0))
+
+
+def masses(law):
+    k = np.array([[2.0, -1], [-1, 2]])
+    spring = vv.Spring(on=("x1", "x2"), law=law, parameters={"k": 0.7})
+    return vv.Structure(mass=[1, 1], stiffness=k, damping=0.05 * k, elements=[spring])
+
+
+@pytest.mark.parametrize("forces", [bent, vv.PythonLaw(bent, slopes=bent_slopes)])
+@pytest.mark.parametrize("kernel", [None, RUBBER])
+def test_steady_motions_are_those_of_the_text(forces, kernel):
+    runs = [
+        vv.forced_response(
+            system,
+            [0.7, 1.4],
+            load=0.8,
+            method="newton",
+            stability=True,
+            harmonics=15,
+            tolerance=1e-8,
+        )
+        for system in pair(forces, kernel=kernel)
+    ]
+    assert differ(*runs) < 1e-10
+    assert runs[0].stable.tolist() == runs[1].stable.tolist()
+
+
+def test_branches_over_a_parameter_are_those_of_the_text():
+    text, python = (
+        vv.trace_response(system, vary="k", vary_range=(0.5, 2), nu=1.2, load=0.8, harmonics=9,
+                          tolerance=1e-2)
+        for system in pair()
+    )  # fmt: skip
+    assert python.outcome == text.outcome == "completed"
+    assert python.amplitude("x")[-1] == pytest.approx(text.amplitude("x")[-1], rel=1e-9)
+
+
+def test_structures_take_functions_of_a_deflection():
+    laws = "k*tanh(d)*d^2", lambda d, k: k * np.tanh(d) * d**2
+    text, python = (
+        vv.forced_response(
+            masses(law), [0.9], load=[0, 0.4], method="newton", harmonics=13, tolerance=1e-2
+        )
+        for law in laws
+    )
+    assert differ(text, python) < 1e-11
+    text, python = (
+        vv.trace_response(masses(law), vary="elements[0].k", vary_range=(0.5, 1), nu=0.9,
+                          load=[0, 0.4], harmonics=5, tolerance=1e-2)
+        for law in laws
+    )  # fmt: skip
+    assert python.amplitude("x1")[-1] == pytest.approx(text.amplitude("x1")[-1], rel=1e-9)
+
+
+@pytest.mark.parametrize("kernel", [None, RUBBER])
+def test_motions_in_time_are_those_of_the_text(kernel):
+    runs = [
+        vv.simulate(s, 8, load=0.8, nu=1.1, tolerance=1e-9, method="gauss8" if kernel is None
+                    else "auto")
+        for s in pair(kernel=kernel)
+    ]  # fmt: skip
+    assert np.allclose(runs[0].state[-1], runs[1].state[-1], rtol=0, atol=2e-8)
+
+
+def test_ensembles_exponents_and_basins_are_those_of_the_text():
+    many = [
+        vv.simulate_ensemble(s, initial=[0.1, 0], parameters={"k": [0.5, 0.7, 1.0]}, load=0.8,
+                             nu=1.1, t_end=10, dt=0.1, lyapunov="all")
+        for s in pair()
+    ]  # fmt: skip
+    assert np.allclose(many[0].spectrum, many[1].spectrum, rtol=0, atol=1e-9)
+    wells = [
+        vv.PolynomialSystem(mass=1, stiffness=-1, damping=0.5, forces=law)
+        for law in ("2*x^3/(1 + x^2)", lambda x: 2 * x**3 / (1 + x**2))
+    ]
+    grid = {"x": [-1.5, 0.5], "x_dot": [-0.5, 0.5]}
+    first, second = (vv.basins(s, grid, t_end=40, dt=0.2, tolerance=1e-3) for s in wells)
+    assert (first.labels == second.labels).all()
+    assert len(set(second.labels.ravel())) == 2
+
+
+def test_plans_say_that_a_law_is_in_python():
+    text, python = (str(vv.plan_response(s, [1.0], load=1, method="newton")) for s in pair())
+    assert "computes: 1 law in Python, each time it is needed" in python
+    assert "Python" not in text
+
+
+@pytest.mark.parametrize(
+    ("law", "told"),
+    [
+        (lambda d: np.abs(d) * d, "not analytic"),
+        (lambda d: np.array([math.sin(x) for x in d]), "takes no complex numbers"),
+        (lambda d: 1.0 if d > 0 else 2.0, "must take arrays, entry by entry"),
+        (lambda d: d.sum(), "gives other numbers for an array"),
+        (lambda d: d[:1], "must return one number for each entry"),
+        (lambda d, w: d + w, "the argument 'w' of <lambda> is neither a variable (d, v) nor"),
+        (lambda k: k, "must have one of d, v as an argument"),
+        (lambda *d: d[0], "does not tell its arguments"),
+        (lambda d: 1j * d, "must return real numbers"),
+        (lambda d: np.log(d), "must be defined around rest"),
+        (vv.PythonLaw(lambda d: d**3, slopes=lambda d: 2 * d**2), "its slopes give"),
+        (vv.PythonLaw(lambda d: d**3, slopes=lambda d: (d, d)), "2 derivatives, must be 1"),
+    ],
+)
+def test_functions_that_cannot_be_laws_are_refused(law, told):
+    with pytest.raises(vv.InputError, match="law") as caught:
+        vv.Spring(on="x1", law=law, parameters={"k": 1.0})
+    assert told in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_kinked_function_with_slopes_of_its_own_is_right():
+    """What NumPy's `interp` gives has no complex step."""
+
+    def table(d):
+        return np.interp(d, [-1e4, 0, 1e4], [-1e4, 0, 2e4])
+
+    law = vv.PythonLaw(table, slopes=lambda d: np.where(d < 0, 1.0, 2.0))
+    text = "where(d > 0, 2*d, d)"
+    found = [
+        vv.forced_response(
+            masses(one), [0.5], load=[0, 0.2], method="newton", harmonics=31, tolerance=1e-2
+        )
+        for one in (text, law)
+    ]
+    assert differ(*found) < 1e-5
+
+
+def test_where_a_function_has_no_value_a_motion_ends():
+    system = vv.PolynomialSystem(**ONE, forces=lambda x: np.log1p(x))
+    run = vv.simulate(system, 30, initial=[0, -3.0], dt=0.01)
+    assert run.outcome == "diverged"
+    assert "has no value beyond x = -1" in run.reason
+
+
+def test_an_error_of_a_function_reaches_the_caller():
+    calls = {"left": 10**9}
+
+    def fails(x):
+        calls["left"] -= 1
+        if calls["left"] < 0:
+            raise KeyError("no such entry")
+        return x**3
+
+    system = vv.PolynomialSystem(**ONE, forces=fails)
+    calls["left"] = 20
+    with pytest.raises(vv.InputError, match=r"the law fails raised KeyError .*no such entry"):
+        vv.simulate(system, 30, initial=[0.5, 0], dt=0.1)
+    calls["left"] = 10**9
+    assert vv.simulate(system, 3, initial=[0.5, 0], dt=0.1).outcome == "completed"
+
+
+def test_arguments_with_defaults_may_be_left_out():
+    def law(d, size=2.0, v=0.0, *, k):
+        return k * d**3 * size + v**3
+
+    spring = vv.Spring(on="x1", law=law, parameters={"k": 3.0})
+    value, slopes = spring._program(np.array([[0.5, 2.0]]))
+    assert value[0] == pytest.approx(3 * 0.125 * 2 + 8, rel=1e-14)
+    assert slopes[0] == pytest.approx([3 * 3 * 0.25 * 2, 12], rel=1e-14)
+
+
+def test_functions_of_other_calls_are_not_mixed_up():
+    """A system that goes leaves nothing that another law could be taken for."""
+    first = vv.PolynomialSystem(**ONE, forces=lambda x: x**3)
+    before = vv.simulate(first, 3, initial=[0.5, 0], dt=0.1).state[-1]
+    for power in (2, 5, 7):
+        other = vv.PolynomialSystem(**ONE, forces=lambda x, p=power: x**p)
+        vv.simulate(other, 3, initial=[0.5, 0], dt=0.1)
+    assert (vv.simulate(first, 3, initial=[0.5, 0], dt=0.1).state[-1] == before).all()
+
+
+def test_systems_travel_to_other_processes(tmp_path):
+    (tmp_path / "law_of_user.py").write_text("def cubic(x, k):\n    return k * x**3\n")
+    make = (
+        "import sys, pickle; sys.path.insert(0, {!r})\n"
+        "import viscovib as vv, law_of_user\n"
+        "s = vv.PolynomialSystem(mass=1, stiffness=1, damping=0.1, forces=law_of_user.cubic,\n"
+        "                        parameters=dict(k=0.5))\n"
+        "x = vv.simulate(s, 5, initial=[1, 0], dt=0.1).state[-1].tolist()\n"
+        "open({!r}, 'wb').write(pickle.dumps((s, x)))\n"
+    ).format(str(tmp_path), str(tmp_path / "system"))
+    subprocess.run([sys.executable, "-c", make], check=True)
+    sys.path.insert(0, str(tmp_path))
+    try:
+        system, x = pickle.loads((tmp_path / "system").read_bytes())
+    finally:
+        sys.path.remove(str(tmp_path))
+    assert vv.simulate(system, 5, initial=[1, 0], dt=0.1).state[-1].tolist() == x
+    # A copy in the same process is the same law, also after one of both has gone.
+    again = pickle.loads(pickle.dumps(system))
+    del system
+    assert vv.simulate(again, 5, initial=[1, 0], dt=0.1).state[-1].tolist() == x
+
+
+def test_checkpoints_know_the_function_again():
+    systems = [vv.PolynomialSystem(**ONE, forces=bent, parameters={"k": 0.7}) for _ in range(2)]
+    assert digest(systems[0]) == digest(systems[1])
