@@ -121,3 +121,62 @@ def test_refused(name, told):
     with pytest.raises(vv.InputError, match=r"^vary = ") as caught:
         vv.trace_response(chain(), nu=NU, vary=name, vary_range=(0.1, 1), load=LOAD)
     assert told in f"{caught.value}"
+
+
+GIVEN = {
+    0: {"stiffness": 3.0, "limit": 0.2},
+    1: {"stiffness": 1.0, "beta": 1.0, "gamma": 0.5, "ratio": 0.1, "exponent": 1.5},
+    2: {"stiffness": 5.0, "gap": 0.3},
+    3: {"stiffness": 2.0, "gap": -0.05},
+    4: {"stiffness": 2.0, "limit": 0.3, "exponent": 1.0},
+}
+
+
+def joints(place=0, **numbers):
+    """Two masses with an element of each kind."""
+    given = {i: kept | numbers if i == place else kept for i, kept in GIVEN.items()}
+    elements = [
+        vv.Jenkins(on="x1", **given[0]), vv.BoucWen(on="x2", **given[1]),
+        vv.Stop(on="x2", **given[2]), vv.Gap(on="x1", **given[3]),
+        vv.Dahl(on=("x1", "x2"), **given[4]),
+    ]  # fmt: skip
+    return vv.Structure(
+        mass=np.eye(2), stiffness=[[2, -1.0], [-1, 2]], damping=[0.1, 0.1], elements=elements
+    )
+
+
+@pytest.mark.parametrize(
+    ("place", "key", "ends"),
+    [
+        (0, "limit", (0.1, 0.4)), (0, "stiffness", (1.0, 5.0)), (1, "ratio", (0.05, 0.7)),
+        (1, "gamma", (-0.4, 0.9)), (2, "gap", (0.2, 0.5)), (3, "gap", (-0.1, 0.2)),
+        (4, "exponent", (0.7, 2.0)),
+    ],
+)  # fmt: skip
+def test_numbers_of_elements_with_states_and_stops(place, key, ends):
+    branch = vv.trace_response(
+        joints(), vary=f"elements[{place}].{key}", vary_range=ends, nu=1.1, load=[0.8, 0],
+        harmonics=5, tolerance=1e-9, max_step=0.5,
+    )  # fmt: skip
+    assert branch.outcome == "completed"
+    for i in (0, branch.nu.size // 2, branch.nu.size - 1):
+        alone = vv.forced_response(
+            joints(place, **{key: float(branch.parameter[i])}), [1.1], load=[0.8, 0], harmonics=5,
+            method="newton", tolerance=1e-9,
+        )  # fmt: skip
+        error = np.abs(alone.coefficients[0] - branch.coefficients[i]).max()
+        assert error < 1e-8 * np.abs(alone.coefficients).max()
+
+
+def test_numbers_that_an_element_does_not_have():
+    def trace(name, ends=(0.1, 0.5)):
+        vv.trace_response(joints(), vary=name, vary_range=ends, nu=1.1, load=[0.8, 0])
+
+    for name, told in [
+        ("elements[0].gap", "must be one of stiffness, limit of this element"),
+        ("elements[2].restitution", "must be one of gap, stiffness of this element"),
+    ]:
+        with pytest.raises(vv.InputError, match=told):
+            trace(name)
+    with pytest.raises(vv.InputError, match=r"ratio = 1: must be in \[0, 1\)"):
+        trace("elements[1].ratio", (0.1, 1.0))

@@ -225,3 +225,38 @@ def test_ends_must_make_a_system():
         vv.trace_response(two(), **options, vary="mass_scale", vary_range=(np.nan, 2))
     with pytest.raises(vv.InputError, match="must be two different numbers"):
         vv.trace_response(two(), **options, vary="mass_scale", vary_range=(2, 2))
+
+
+@pytest.mark.parametrize("kernel", [None, KERNEL])
+@pytest.mark.parametrize(
+    ("law", "name", "ends"),
+    [
+        ("F*tanh(x_dot/w)", "w", (0.1, 0.3)),
+        ("F*tanh(x/w)", "w", (0.2, 0.5)),
+        ("F*max(x, 0)^n", "n", (1.2, 2.8)),
+        ("x/w + F*sinh(x/w)", "w", (0.7, 1.3)),
+    ],
+)
+def test_parameters_that_move_the_stiffness_or_damping_at_rest(law, name, ends, kernel):
+    def system(value):
+        given = {"F": 0.3, name: value}
+        return vv.PolynomialSystem(
+            mass=1, stiffness=1, damping=0.1, forces=law, parameters=given, kernel=kernel
+        )
+
+    given = {"load": 0.4, "harmonics": 15, "tolerance": 1e-5}
+    branch = vv.trace_response(system(ends[0]), nu=1.1, vary=name, vary_range=ends, **given)
+    assert branch.outcome == "completed"
+    for i in (0, branch.nu.size // 2, branch.nu.size - 1):
+        own = system(float(branch.parameter[i]))
+        alone = vv.forced_response(own, [1.1], method="newton", **given)
+        assert branch.amplitude("x")[i] == pytest.approx(alone.amplitude("x")[0], rel=1e-8)
+
+
+def test_a_power_that_has_no_value_below_0():
+    """At whole numbers it is a polynomial, which the numbers between must not be taken for."""
+    system = vv.PolynomialSystem(
+        mass=1, stiffness=1, damping=0.1, forces="0.5*x^n", parameters={"n": 3.0}
+    )
+    with pytest.raises(vv.InputError, match="must be defined around rest"):
+        vv.trace_response(system, nu=1.1, vary="n", vary_range=(2, 4), load=0.4, harmonics=9)

@@ -135,7 +135,8 @@ def trace_response(
         forces, "forces[x1,x1^2*x2]" ("forces[x^3]"); or a factor of the whole, "mass_scale",
         "damping_scale", "stiffness_scale", "forces_scale", "memory_scale" (of all kernels).
         "springs[0]." before it means those springs. Of a `Structure` "elements[0].stiffness",
-        "elements[0].k3" (k3 a parameter of its law) or "memory_scale"; its modal damping stays.
+        "elements[0].k3" (k3 a parameter of its law), "elements[0].limit", ".gap" and other numbers
+        of `Jenkins`, `BoucWen`, `Dahl`, `Gap` and `Stop`, or "memory_scale"; modal damping stays.
         Of a `Body` "mass", "inertia_scale", "center[x]", "mounts[front].stiffness[z]" (its local
         z), "mounts[front].damping[z]", "mounts[front].position[x]", or a factor of all three,
         "mounts[front].stiffness_scale"; and what a `PolynomialSystem` has.

@@ -101,8 +101,12 @@ class Law:
 
     def remainder(self, *, remembers: bool = False) -> Law:
         """Return what is left without the linear part at rest; behind a kernel rates keep it."""
-        code, number = list(self.code), list(self.number)
         slopes = [*self.stiffness_at_rest, *self.damping_at_rest(remembers=remembers)]
+        return self.without(slopes)
+
+    def without(self, slopes: Sequence[float]) -> Law:
+        """Return what is left without these multiples of its arguments."""
+        code, number = list(self.code), list(self.number)
         for place, slope in enumerate(slopes, start=1):
             if slope != 0:
                 code += [_ARGUMENT, _NUMBER, _MULTIPLY, _SUBTRACT]

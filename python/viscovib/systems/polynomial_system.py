@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from copy import copy
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, ClassVar
@@ -170,6 +171,18 @@ class PolynomialSystem:
         given: Any = self.__dict__["_given_stiffness"]
         values = {**(self.parameters or {}), name: value}
         return replace(self, stiffness=given, parameters=values)
+
+    def _with_slopes_of(self, other: PolynomialSystem) -> PolynomialSystem:
+        """Return the same system, of whose laws another stiffness and damping stands apart."""
+        found = copy(self)
+        pairs = zip(self.groups, other.groups, strict=True)
+        found._set("groups", tuple(own.with_slopes_of(group) for own, group in pairs))
+        found._set("stiffness", found.groups[0].stiffness)
+        kind = type(found)
+        for name in list(found.__dict__):
+            if isinstance(getattr(kind, name, None), cached_property):
+                del found.__dict__[name]
+        return found
 
     def _check_large(self) -> None:
         """Of more coordinates than the core takes: those with forces or memory must be few."""

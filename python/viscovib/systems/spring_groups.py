@@ -83,6 +83,23 @@ class SpringGroup(NamedTuple):
     law_slopes: FloatArray | None = None
     #: What they have of the damping; None: nothing.
     law_damping: FloatArray | None = None
+    #: The laws with their linear parts.
+    whole: tuple[tuple[int, Law], ...] = ()
+
+    def with_slopes_of(self, other: SpringGroup) -> SpringGroup:
+        """Return the same springs, of whose laws another stiffness and damping stands apart."""
+        if self.law_slopes is None or other.law_slopes is None:
+            return self
+        remembers = self.kernel is not None
+        laws = []
+        for (on, law), (_, theirs) in zip(self.whole, other.whole, strict=True):
+            apart = theirs.stiffness_at_rest, theirs.damping_at_rest(remembers=remembers)
+            laws.append((on, law.without([*apart[0], *apart[1]])))
+        stiffness = self.stiffness - self.law_slopes + other.law_slopes
+        return self._replace(
+            stiffness=stiffness, laws=tuple(laws), law_slopes=other.law_slopes,
+            law_damping=other.law_damping,
+        )  # fmt: skip
 
 
 def square_matrix(name: str, value: npt.ArrayLike | None, n: int | None) -> FloatArray:
@@ -119,7 +136,7 @@ def spring_group(
         )
     stiffness = square_matrix(f"{prefix}stiffness", springs.stiffness, len(names)).copy()
     forces: dict[tuple[int, tuple[int, ...]], float] = {}
-    laws = []
+    laws, whole = [], []
     slopes, damping = np.zeros_like(stiffness), np.zeros_like(stiffness)
     for where, on, polynomial in _by_equation(f"{prefix}forces", springs.forces, names, parameters):
         if isinstance(polynomial, Law):
@@ -127,6 +144,7 @@ def spring_group(
             slopes[on] += polynomial.stiffness_at_rest
             damping[on] += polynomial.damping_at_rest(remembers=remembers)
             laws.append((on, polynomial.remainder(remembers=remembers)))
+            whole.append((on, polynomial))
             continue
         for powers, c in polynomial.items():
             degree = sum(powers)
@@ -140,8 +158,13 @@ def spring_group(
     stiffness.setflags(write=False)
     # A kernel of nothing is none.
     kernel = springs.kernel if forces or laws or stiffness.any() else None
-    of_laws = (slopes, damping if damping.any() else None) if laws else (None, None)
-    return SpringGroup(stiffness, forces, kernel, tuple(laws), *of_laws)
+    group = SpringGroup(stiffness, forces, kernel)
+    if not laws:
+        return group
+    by_rates = damping if damping.any() else None
+    return group._replace(
+        laws=tuple(laws), law_slopes=slopes, law_damping=by_rates, whole=tuple(whole)
+    )
 
 
 def _by_equation(

@@ -25,6 +25,8 @@ _ENTRIES = {
 _HEAD, _MEMORY = 5, 4
 #: Part of the largest number by which a vector that is affine in p differs from itself: rounding.
 _ROUNDING = 1e-13
+#: Numbers are looked at where none is whole by chance: of a whole power they would be others.
+_BETWEEN = 0.8371
 _NAMES = "'memory_scale', 'mass_scale', 'damping_scale', 'stiffness_scale' or 'forces_scale'"
 
 
@@ -52,20 +54,37 @@ def varied(system: Oscillator, name: object, start: float, finish: float) -> Var
         return _entries(key, system._flat, {_ENTRIES[key] - 1: 1.0})
     assert isinstance(system, PolynomialSystem)
     if isinstance(name, str) and name in (system.parameters or ()):
-        return affine(
-            name, name, lambda p: system._with_parameter(str(name), p)._flat, start, finish
-        )
+        return _of_parameter(system, name, start, finish)
     found = _of_polynomial(system, name)
     for value in (finish, start):
         _native.call(core.polynomial_check, found.rest + value * found.direction)
     return found
 
 
+def _of_parameter(system: PolynomialSystem, name: str, start: float, finish: float) -> Varied:
+    """What a parameter of forces is among the numbers.
+
+    Stiffness and damping that a law has at rest, as F/w of F tanh(v/w), need not be affine in it.
+    They are taken as they are given first then, and what is more stays in the law.
+    """
+    try:
+        return affine(name, name, lambda p: system._with_parameter(name, p)._flat, start, finish)
+    except InputError as error:
+
+        def numbers(p: float) -> FloatArray:
+            return system._with_parameter(name, p)._with_slopes_of(system)._flat
+
+        try:
+            return affine(name, name, numbers, start, finish)
+        except InputError:
+            raise error from None
+
+
 def affine(
     name: str, key: str, numbers: Callable[[float], FloatArray], start: float, finish: float
 ) -> Varied:
     """What numbers of a system that depend on p are, if they are ``rest + p direction``."""
-    unit = max(abs(start), abs(finish))
+    unit = _BETWEEN * max(abs(start), abs(finish))
     first, second, third = (numbers(unit * i) for i in (1.0, 2.0, 3.0))
     direction = (second - first) / unit if second.size == first.size else first
     if first.size == third.size == second.size:

@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import re
 from copy import copy
+from dataclasses import fields, replace
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from viscovib import _native
 from viscovib.errors import InputError
+from viscovib.systems.contacts import Contact
 from viscovib.systems.elements import Coupling, ElementTerms, Spring, _law_terms
+from viscovib.systems.friction import Hysteresis
 from viscovib.systems.laws import _ARGUMENT, _MULTIPLY, _NUMBER, _ODD, Law, called_law, compile_law
 from viscovib.systems.load import LoadLike
 from viscovib.systems.structure import Structure
@@ -37,6 +40,8 @@ def varied_structure(
 ) -> VariedStructure:
     """Which numbers ``elements[0].stiffness``, ``elements[0].k3`` or ``memory_scale`` means.
 
+    Of elements with states and of stops their own numbers, as ``elements[0].limit``.
+
     The linear rest stays as it is: what a stiffness or a law differs by is a law of its own,
     (1 - R*) [f(d; p) - f(d; p_0)]. So no modes are computed along the branch, and modal damping,
     Rayleigh's and a loss factor are those of the structure as it was given.
@@ -53,6 +58,10 @@ def varied_structure(
             Varied("memory_scale", flat - direction * flat, direction), structure
         )
     place, key = _element(structure, name)
+    if not isinstance(structure.elements[place], Spring):
+        for end in (finish, start):
+            ends: dict[str, Any] = {key: end}
+            replace(structure.elements[place], **ends)
 
     def at(value: float) -> Structure:
         return _variant(structure, str(name), place, key, value)
@@ -77,14 +86,48 @@ def _element(structure: Structure, name: object) -> tuple[int, str]:
     if place >= len(structure.elements):
         raise InputError(f"vary = {name!r}: the structure has {len(structure.elements)} elements")
     element = structure.elements[place]
-    if not isinstance(element, Spring):
+    if isinstance(element, Spring):
+        allowed: tuple[str, ...] = ("stiffness", *(element.parameters or ()))
+    else:
+        allowed = _numbers_of(element)
+    if not allowed:
         raise InputError(
-            f"vary = {name!r}: must be of a Spring, elements[{place}] is a {type(element).__name__}"
+            f"vary = {name!r}: elements[{place}] is a {type(element).__name__}, of which no number "
+            "may vary"
         )
-    allowed = ("stiffness", *(element.parameters or ()))
     if key not in allowed:
         raise InputError(f"vary = {name!r}: must be one of {', '.join(allowed)} of this element")
     return place, key
+
+
+def _numbers_of(element: object) -> tuple[str, ...]:
+    """Numbers of an element other than a spring; a rigid stop has no steady motion."""
+    rigid = isinstance(element, Contact) and element.stiffness is None
+    if rigid or not isinstance(element, (Contact, Hysteresis)):
+        return ()
+    values = {one.name: getattr(element, one.name) for one in fields(element)}  # type: ignore[arg-type]
+    return tuple(key for key, value in values.items() if isinstance(value, float))
+
+
+def _other_law(terms: list[ElementTerms], at: int, element: Any, key: str, value: float) -> None:
+    """Give an element another number, its part of the linear rest as before."""
+    own, other = terms[at], copy(element)
+    # Both ends of the range were checked; between and beyond them the numbers are what they are.
+    object.__setattr__(other, key, value)
+    if isinstance(element, Contact):
+        apart = element._law.stiffness_at_rest
+        terms[at] = own._replace(law=other._law.without([*apart, 0.0]))
+        return
+    terms[at] = own._replace(law=other._law)
+    # The core takes the stiffness at rest off the element, that of the rest is another.
+    terms.append(_linear(own, other._stiffness_at_rest - element._stiffness_at_rest))
+
+
+def _linear(own: ElementTerms, stiffness: float) -> ElementTerms:
+    """A stiffness beside an element, as a law."""
+    code = (_ARGUMENT, _NUMBER, _MULTIPLY)
+    law = Law("k*d", ("d",), code, (1.0, stiffness, 0.0), _ODD, 1)
+    return ElementTerms(own.direction, {}, 0.0, own.kernel, law)
 
 
 def _program(where: str, law: Any, parameters: dict[str, float]) -> Law:
@@ -96,17 +139,17 @@ def _program(where: str, law: Any, parameters: dict[str, float]) -> Law:
 
 def _variant(structure: Structure, name: str, place: int, key: str, value: float) -> Structure:
     """Return the structure with another value, its linear rest as before."""
-    spring = structure.elements[place]
+    spring: Any = structure.elements[place]
     terms = list(structure._all_elements)
     # A coupling stands for several.
     at = sum(len(e.on) if isinstance(e, Coupling) else 1 for e in structure.elements[:place])
     own = terms[at]
-    if key == "stiffness":
-        code = (_ARGUMENT, _NUMBER, _MULTIPLY)
-        law = Law("k*d", ("d",), code, (1.0, value - spring.stiffness, 0.0), _ODD, 1)
-        terms.append(ElementTerms(own.direction, {}, 0.0, own.kernel, law))
+    if not isinstance(spring, Spring):
+        _other_law(terms, at, spring, key, value)
+    elif key == "stiffness":
+        terms.append(_linear(own, value - spring.stiffness))
     else:
-        before = dict(spring.parameters)
+        before: dict[str, float] = dict(spring.parameters or {})
         remembers = spring.kernel is not None
         powers, program, _ = _law_terms(spring.law, {**before, key: value}, remembers)
         old = _law_terms(spring.law, before, remembers)[0]
