@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 import viscovib as vv
 from scipy.integrate import solve_ivp
+from viscovib.systems.sticking import advice_on_sticking
 
 #: Laws of x, the sign of the side on which they end, and what they are.
 LAWS = {
@@ -181,3 +182,34 @@ def test_true_poles_are_told_and_thin_bumps_are_told_as_layers(text):
         if text in LAYERS:
             width = float(re.search(r"within (\S+) about", told)[1])
             assert e < width < 4 * e, told
+
+
+@pytest.mark.parametrize(
+    ("law", "told"),
+    [
+        ("sign(x)*sqrt(abs(x))", "the derivative of 'sign(x)*sqrt(abs(x))' at x = 0 grows"),
+        ("abs(x_dot)^0.6*sign(x_dot)", "at x_dot = 0 grows"),
+        ("0.5*x*sqrt(abs(x)) + tanh(x/1e-9)", ""),
+    ],
+)
+def test_slopes_without_bound_are_told(law, told):
+    system = vv.PolynomialSystem(mass=1, stiffness=1, damping=0.1, forces=law)
+    said = advice_on_sticking(system)
+    assert told in said
+    assert bool(told) == bool(said)
+    if "sqrt(abs(x))" in told:
+        with pytest.warns(vv.ConvergenceWarning, match=r"no solution .* grows without bound"):
+            vv.forced_response(system, [1.0], load=0.5, method="newton")
+
+
+@pytest.mark.parametrize("law", ["d*log(abs(d))", "v*abs(v)^-0.4", "d*abs(d)^-0.5"])
+def test_laws_without_a_finite_derivative_at_rest_are_refused(law):
+    """It would be a stiffness of 1e60, under which nothing moves."""
+    told = "must have a finite derivative at rest"
+    with pytest.raises(vv.InputError, match=told):
+        vv.Spring(on="x1", law=law)
+    named = law.replace("v", "x_dot").replace("d*", "x*").replace("(d)", "(x)")
+    with pytest.raises(vv.InputError, match=told):
+        vv.PolynomialSystem(mass=1, stiffness=1, forces=named)
+    with pytest.raises(vv.InputError, match=told):
+        vv.MountPoint(name="a", position=(0, 0, 0), stiffness=(1, 1, 1), law=(law, None, None))

@@ -221,12 +221,18 @@ def called_law(
 
 
 def _refuse_edge(where: str, law: Law) -> None:
-    """Refuse a law that has no value around rest."""
+    """Refuse a law that has no value around rest, or no finite derivative there."""
     n = len(law.arguments)
     near = _NEAR * np.concatenate([np.zeros((1, n)), np.eye(n), -np.eye(n)])
-    if (np.abs(law(near)[0]) >= _WALL).any():
+    values, slopes = law(near)
+    if (np.abs(values) >= _WALL).any():
         raise InputError(
             f"{where} = {law.text!r}: must be defined around rest, where what it depends on is 0"
+        ) from None
+    if (np.abs(slopes[0]) >= _WALL).any():
+        raise InputError(
+            f"{where} = {law.text!r}: must have a finite derivative at rest, where what it depends "
+            "on is 0"
         ) from None
 
 

@@ -11,15 +11,22 @@ from viscovib.systems.laws import Law
 from viscovib.systems.polynomial_system import PolynomialSystem
 from viscovib.systems.structure import Structure
 
+#: Places beside rest, and by how much secants to them differ where no slope is finite.
+_NEAR, _ENDLESS = (1e-20, 1e-40), 10.0
 #: Positions at which a law is tried (some stops are open at 0), and a velocity beside 0.
 _POSITIONS, _BESIDE = (0.0, 1.0, -1.0, 1e-3, -1e-3, 1e3, -1e3), 1e-250
 
 
 def advice_on_sticking(system: Any) -> str:
-    """Return what to do where harmonics find nothing, if the system can stick; else nothing."""
-    text = next((law.text for law in laws_of(system) if _sticks(law)), None)
+    """Return what to do where harmonics find nothing, if the system can stick; else nothing.
+
+    Or which law has no finite derivative at rest, as sqrt(abs(x)); Newton's steps need one.
+    """
+    laws = laws_of(system)
+    text = next((law.text for law in laws if _sticks(law)), None)
     if text is None:
-        return ""
+        steep = next((one for law in laws if (one := _endless_slope(law))), None)
+        return "" if steep is None else f" (the derivative of {steep} grows without bound)"
     return (
         f" (under {text!r} a body may stick, which harmonics cannot follow: take the motion in "
         "time, simulate, a Jenkins element, whose spring moves, or a steep tanh of the velocity)"
@@ -54,3 +61,19 @@ def _sticks(law: Law) -> bool:
         if (after - before > 1e-12 * (np.abs(after) + np.abs(before))).any():
             return True
     return False
+
+
+def _endless_slope(law: Law) -> str:
+    """Say where a law beside rest rises by a power below 1, or jumps; nothing if it does not."""
+    if law.state:
+        return ""
+    n = len(law.arguments)
+    rest = law(np.zeros((1, n)))[0][0]
+    for place in law.places:
+        for side in (1, -1):
+            at = np.zeros((2, n))
+            at[:, place] = side * np.array(_NEAR)
+            steps = np.abs(law(at)[0] - rest) / np.array(_NEAR)
+            if steps[1] > _ENDLESS * steps[0]:
+                return f"{law.text!r} at {law.arguments[place]} = 0"
+    return ""
