@@ -16,7 +16,8 @@ module viscovib_successive
   use viscovib_balance_ladder, only: judging_order
   use viscovib_counters, only: count_unknowns, count_up, counted_corrections, counted_turns, &
     counting
-  use viscovib_harmonic_set, only: harmonic_set_type, new_harmonic_set
+  use viscovib_cycle_terms, only: has_kinks
+  use viscovib_harmonic_set, only: harmonic_set_type, new_harmonic_set, samples_of_laws
   use viscovib_kinds, only: wp
   use viscovib_lanes, only: n_lanes
   use viscovib_linear_response, only: chunk_size, compliance_table
@@ -28,6 +29,7 @@ module viscovib_successive
   use viscovib_response_lanes, only: advance, allocate_block, block_type, lane_norm, load_lane, &
     nonlinear_force, restart_lane, solve_lanes
   use viscovib_stopping, only: stop_wanted
+  use viscovib_truncation, only: kinked_tail
   implicit none
   private
 
@@ -42,6 +44,10 @@ module viscovib_successive
   real(wp), parameter :: slowest = 0.9_wp
   !> An iteration falls short of all it will change by no more than 1/stagnant.
   real(wp), parameter :: stagnant = 1.0e-3_wp
+  !> Forces that are no polynomials are judged with this many times the samples; what these lack
+  !! themselves.
+  integer, parameter :: finer = 4
+  real(wp), parameter :: safety = 2.0_wp
 
 contains
 
@@ -59,7 +65,8 @@ contains
     integer :: first, last
 
     call new_harmonic_set(more, judging_order(load, system%degree, set%orders(size(set%orders))), &
-                          set%half_wave, system%degree)
+                          set%half_wave, merge(system%degree, finer*samples_of_laws - 1, &
+                                               system%degree > 0))
     call response%allocate_for(nu, set%orders, system%n_dof(), &
                                merge(options%max_iterations, 0, options%keep_history))
     call allocate_block(work, system, set)
@@ -155,7 +162,8 @@ contains
 
   !> What the orders left out would change: two turns with `more` of them from the motion
   !! found, the first of which finds them and the second what they do to the others, which
-  !! then goes on by the rate of the iteration.
+  !! then goes on by the rate of the iteration. Beside kinks those beyond `more` count too. Of forces
+  !! that are no polynomials the first also finds what too few samples have made of the others.
   subroutine judge_chunk(system, load, more, work, response, first, last, fraction, compliance)
     class(oscillator_type), intent(in) :: system
     type(load_type), intent(in) :: load
@@ -164,14 +172,16 @@ contains
     type(response_type), intent(inout) :: response
     integer, intent(in) :: first, last
     complex(wp), intent(in) :: fraction(:, :, :), compliance(:, :, :, :)
-    !> Sizes of the motion, of what the first turn finds, of its change in the second, and
-    !! of the change of the orders kept.
-    real(wp), dimension(n_lanes) :: whole, found, rest, back
+    !> Sizes of the motion, of what the first turn finds, of its change in the second, and of the
+    !! changes of the orders kept by these and by samples.
+    real(wp), dimension(n_lanes) :: whole, found, rest, back, aliased
     real(wp), allocatable :: kept(:, :, :, :)
     complex(wp) :: p(system%n_dof())
     integer :: lane, i, k, m, at
-    real(wp) :: short
+    real(wp) :: short, reach
+    logical :: kinked
 
+    kinked = has_kinks(system)
     m = size(response%orders)
     i = first
     do
@@ -182,6 +192,7 @@ contains
           lane = lane + 1
           at = i - first + 1
           work%point(lane) = i
+          work%nu(lane) = response%nu(i)
           work%f_re(lane, :, :) = real(fraction(at, :, :))
           work%f_im(lane, :, :) = aimag(fraction(at, :, :))
           work%c_re(lane, :, :, :) = real(compliance(:, :, at, :))
@@ -204,6 +215,8 @@ contains
       found = lane_norm(system, work%next(:, :, m + 1:, :))
       work%u(:, :, m + 1:, :) = work%next(:, :, m + 1:, :)
       kept = work%next(:, :, :m, :)
+      aliased = 0.0_wp
+      if (.not. system%degree > 0) aliased = safety*lane_norm(system, kept - work%u(:, :, :m, :))
       call nonlinear_force(work, system, more)
       call solve_lanes(work)
       rest = lane_norm(system, work%next(:, :, m + 1:, :) - work%u(:, :, m + 1:, :))
@@ -214,11 +227,23 @@ contains
         if (at == 0 .or. .not. whole(lane) > 0.0_wp) cycle
         short = 1.0_wp
         if (found(lane) > 0.0_wp) short = 1.0_wp/(1.0_wp - min(rest(lane)/found(lane), slowest))
-        back(lane) = back(lane)/max(1.0_wp - response%rate(at), stagnant)
-        response%truncation(at) = short*max(found(lane), back(lane))/whole(lane)
+        found(lane) = found(lane)*short
+        reach = 1.0_wp
+        if (kinked) call kinked_tail(system, rows_of(response%coefficients(:, :, at)), more%orders, &
+                                     found(lane), reach, short)
+        back(lane) = (back(lane)*short + aliased(lane))/max(1.0_wp - response%rate(at), stagnant)
+        response%truncation(at) = max(found(lane)*reach, back(lane))/whole(lane)
       end do
     end do
   end subroutine judge_chunk
+
+  !> Real and imaginary parts by turns, shape (2 n_orders, n_dof).
+  pure function rows_of(x) result(rows)
+    complex(wp), intent(in) :: x(:, :)
+    real(wp) :: rows(2*size(x, 1), size(x, 2))
+    rows(1::2, :) = real(x)
+    rows(2::2, :) = aimag(x)
+  end function rows_of
 
   !> Compare next with present iterates and decide, lane by lane.
   !!

@@ -27,7 +27,7 @@ module viscovib_truncation
   implicit none
   private
 
-  public :: estimate_truncation, find_left_out
+  public :: estimate_truncation, find_left_out, kinked_tail
 
   !> Largest factor between two turns that is believed.
   real(wp), parameter :: slowest = 0.9_wp

@@ -213,3 +213,36 @@ def test_estimates_of_steep_smooth_laws(highest):
     error = np.linalg.norm(change) / np.linalg.norm(true)
     # A fifth of it was told when only the next orders were counted.
     assert 0.8 * error < short.truncation[0] < 4 * error
+
+
+LAWS = (
+    "A*sign(x_dot)", "A*tanh(x_dot/0.2)", "A*max(x_dot - 0.1, 0)", "A*x_dot*abs(x_dot)",
+    "A*x_dot^3", "A*abs(x_dot)*x^2", "A*max(x - 0.1, 0)", "A*x*abs(x)", "A*sin(2*x)",
+    "A*min(max(x, -0.1), 0.1)",
+)  # fmt: skip
+
+
+@pytest.mark.filterwarnings("ignore::viscovib.ConvergenceWarning")
+def test_successive_approximations_tell_what_orders_and_samples_leave():
+    """Forces of rates, of jumps and kinks: against Newton's method with far more orders."""
+    rng = np.random.default_rng(12)
+    ratios = []
+    for k in range(60):
+        law = LAWS[k % len(LAWS)].replace("A", f"{10 ** rng.uniform(-2, -0.5):.3g}")
+        memory = vv.PronyKernel(weights=[0.1], rates=[0.7]) if k % 3 == 0 else None
+        system = vv.PolynomialSystem(
+            mass=1, stiffness=1, damping=rng.uniform(0.1, 0.4), forces=law, kernel=memory
+        )
+        given = {"nu": rng.uniform(0.3, 2.5), "load": rng.uniform(0.2, 1)}
+        found = vv.forced_response(system, **given, harmonics=(3, 9, 15, "auto")[k % 4])
+        if not found.converged[0]:
+            continue
+        exact = vv.forced_response(system, **given, harmonics=151, method="newton")
+        lacking = exact.coefficients[0, 0].copy()
+        kept = np.searchsorted(exact.harmonics, found.harmonics[found.harmonics <= 151])
+        lacking[kept] -= found.coefficients[0, 0, : kept.size]
+        true = size([1], lacking) / size([1], exact.coefficients[0])
+        if true > 3 * exact.truncation[0] + 1e-11:
+            ratios.append(true / (found.truncation[0] + 1e-10))
+    assert len(ratios) > 25
+    assert max(ratios) < 3

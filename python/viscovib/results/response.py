@@ -87,7 +87,8 @@ class Response(PeriodicMotions, Result):
         Estimated relative error of leaving out higher orders; 0 for a linear response, which
         lacks none: the largest change of any order, by the residual of those left out and what
         they do to those kept, in the norm of ``tolerance``. Where rounding keeps the corrections
-        of Newton's method above the tolerance, at least what rounding does.
+        of Newton's method above the tolerance, at least what rounding does. Of successive
+        approximations under forces that are no polynomials also what their samples leave.
     method : str
         The method that ran.
     plan : Plan
