@@ -213,3 +213,24 @@ def test_a_pendulum_too():
     assert peak.enclosed
     assert peak.amplitude == pytest.approx(dense.amplitude("z").max(), rel=1e-5)
     assert peak.amplitude >= dense.amplitude("z").max() * (1 - 1e-10)
+
+
+def test_resonances_of_hardly_any_damping():
+    """Down to a width of 1e-10 of the frequency the summit is F/(c w); undamped there is none."""
+    rng = np.random.default_rng(6)
+    for damping in (*10 ** rng.uniform(-10, -3, 20), 0.0):
+        k, nu = rng.uniform(0.5, 3), np.sort(rng.uniform(0.3, 2.5, 5))
+        system = vv.PolynomialSystem(mass=1, stiffness=k, damping=damping)
+        response = vv.forced_response(system, [0.2, *nu, 3.0], load=1)
+        peak = response.peak("x")
+        assert peak.enclosed
+        np.testing.assert_allclose(peak.nu, np.sqrt(k - damping**2 / 2), rtol=1e-7)
+        if damping:
+            true = 1 / (damping * np.sqrt(k - damping**2 / 4))
+            assert abs(peak.amplitude - true) < 1e-7 * true
+        else:
+            assert peak.amplitude == np.inf
+    # Where a frequency that is solved for meets the resonance itself.
+    met = vv.forced_response(vv.PolynomialSystem(mass=1, stiffness=1), [0.5, 0.9, 1.3], load=1)
+    assert met.peak("x").amplitude == np.inf
+    assert "inf" in met.summary()

@@ -30,6 +30,8 @@ if TYPE_CHECKING:
 MAX_SEARCH = 3e9
 #: Times that an interval of frequencies is halved where a linear response has several modes in it.
 _HALVINGS = 24
+#: Parts by which sizes in a short interval about a summit differ at most, and the shortest one.
+_FLAT, _SHORTEST = 1e-6, 1e-15
 #: At a quarter and three quarters, of a parabola by its ends and its middle.
 _PARABOLA = np.array([[3, 6, -1], [-1, 6, 3]]) / 8
 
@@ -188,7 +190,8 @@ class Response(PeriodicMotions, Result):
         branch of one is followed through all summits on its way: the amplitude holds to the
         tolerance, on coarse grids too. A jump is no summit, and motions
         beyond it belong to another branch: if the largest amplitude stands there, it is that of a
-        motion found, and not ``enclosed``.
+        motion found, and not ``enclosed``. Of a linear response it is inf where a resonance is
+        undamped, or narrower than rounding of its frequency.
         """
         inside = self.converged
         if band is not None:
@@ -546,12 +549,16 @@ def _linear_summit(
     low, high = nu[held], nu[held + 1]
     for _ in range(60):
         inner = np.linspace(low, high, 9)
-        top = np.nan_to_num(sizes(inner.ravel()).reshape(inner.shape), nan=np.inf).argmax(axis=0)
+        around = np.nan_to_num(sizes(inner.ravel()).reshape(inner.shape), nan=np.inf)
+        top = around.argmax(axis=0)
+        # As high all over: narrow resonances are not when their intervals are as short as others'.
+        flat = around.min(axis=0) >= (1 - _FLAT) * around.max(axis=0)
         low = np.take_along_axis(inner, np.maximum(top - 1, 0)[np.newaxis], 0)[0]
         high = np.take_along_axis(inner, np.minimum(top + 1, 8)[np.newaxis], 0)[0]
-        if (high - low <= 1e-9 * high).all():
+        if (high - low <= np.where(flat, 1e-9, _SHORTEST) * high).all():
             break
     middle = 0.5 * (low + high)
-    found = sizes(middle)
-    best = int(np.nanargmax(found))
+    found = np.nan_to_num(sizes(middle), nan=np.inf)
+    found[~flat] = np.inf
+    best = int(found.argmax())
     return float(middle[best]), float(found[best])
