@@ -348,3 +348,15 @@ def test_results_are_not_asked_what_they_are():
                 asked = {one.id for one in ast.walk(node.args[1]) if isinstance(one, ast.Name)}
                 found |= {f"{path.relative_to(package)}: {name}" for name in asked & names}
     assert found == _ASKED
+
+
+def test_motions_without_an_estimate_say_so():
+    system = vv.PolynomialSystem(mass=1, stiffness=1, forces="x^3")
+    found = vv.simulate(system, 5, initial=[1, 0])
+    given = vv.simulate(system, 5, initial=[1, 0], dt=0.1)
+    many = vv.simulate_ensemble(system, initial=[[1, 0]], t_end=5, dt=0.1)
+    assert "estimated error" in found.summary()
+    for run in (given, vv.simulate(system, 10, resume=found), many):
+        assert run.error is None
+        assert "error not estimated" in repr(run)
+        assert "estimate of the error" in str(run.plan)

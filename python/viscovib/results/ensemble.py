@@ -59,7 +59,8 @@ class Ensemble(Result):
         All exponents in the directions of the states, if asked for, largest first; the load's phase
         has exponent 0 besides. -inf: a disturbance vanishes altogether, as where friction sticks.
     error : float or None
-        Estimated largest error of the last states and of ``t_reached``, if ``dt`` was "auto"; of
+        Estimated largest error of the last states and of ``t_reached``, if ``dt`` was "auto" (None
+        of steps that are given, as summary and plan say); of
         runs one by one also of ``peak``, ``mean`` and ``rms``.
     method : str
     parameters : mapping
@@ -125,8 +126,8 @@ class Ensemble(Result):
 
     def _scope(self) -> list[str]:
         varied = ", ".join(f"{name} {span(v)}" for name, v in self.parameters.items()) or "nothing"
-        error = "" if self.error is None else f", estimated error {self.error:.1e}"
-        return [f"t_end: {span(self.t_end)}; varied: {varied}; {self.method}{error}"]
+        sure = "error not estimated" if self.error is None else f"estimated error {self.error:.1e}"
+        return [f"t_end: {span(self.t_end)}; varied: {varied}; {self.method}, {sure}"]
 
     def to_dataset(self) -> xr.Dataset:
         """Everything that was gathered, over the runs."""

@@ -84,7 +84,8 @@ class Trajectory(Result):
     method : str
     error : float or None
         Estimated largest error of the states kept and of ``t_reached``, if asked for or ``dt``
-        was "auto"; not of a last state at 1e6, which changes faster than any time is known.
+        was "auto"; None of other steps that are given, or taken from a run that is resumed, as
+        summary and plan say; not of a last state at 1e6, which changes faster than any time is known.
     resolution : float or None
         Of motion with memory: the last coefficient in Legendre polynomials of a displacement on
         a step, the largest of all steps, relative to the largest displacement. At 1e-2 and more
@@ -275,9 +276,8 @@ class Trajectory(Result):
 
     def _details(self) -> list[str]:
         told = [] if self.reason is None else [self.reason]
-        if self.error is None:
-            return told
-        return [*told, f"step {self.step:.6g}, estimated error {self.error:.1e}"]
+        sure = "error not estimated" if self.error is None else f"estimated error {self.error:.1e}"
+        return [*told, f"step {self.step:.6g}, {sure}"]
 
     def numbers(self) -> dict[str, Number]:
         """Return ``max_x`` and ``rms_x``, ... over the second half, and ``outcome``."""
