@@ -25,7 +25,7 @@ module viscovib_resting_modes
   implicit none
   private
 
-  public :: resting_growth, far_growth
+  public :: resting_growth, far_growth, resting_error
 
   !> Farther than this part of a mode's frequency no such tongue reaches.
   real(wp), parameter :: reach = 0.3_wp
@@ -274,6 +274,65 @@ contains
     call eigenvalues(real_matrix(by_a(which, which), by_conjugate(which, which)), values, found)
     if (found) growth = maxval(real(values))
   end subroutine far_growth
+
+  !> How uncertain the growth of modes at rest is; of a motion beside them that is exact nothing
+  !! else tells it. The order that follows changes both derivatives by some part D of the frequency,
+  !! with either sign. It is the cube of what an order is of the one before, and so those that
+  !! follow it make D^(1/3) times as much, which counts in full: in a tongue D itself may only turn
+  !! disturbances.
+  subroutine resting_error(scales, full, a, growth, resting, error)
+    type(multiple_scales_type), intent(in) :: scales
+    !> As in `find_defect`.
+    class(full_system_type), intent(in), optional :: full
+    !> Amplitudes of a steady motion, in natural units.
+    complex(wp), intent(in) :: a(:)
+    !> The largest growth, and that of modes at rest by terms that are not in the modulation
+    !! equations.
+    real(wp), intent(in) :: growth, resting
+    real(wp), intent(out) :: error
+    complex(wp), dimension(size(a), size(a)) :: by_a, by_conjugate, more, more_conjugate
+    integer, allocatable :: which(:)
+    real(wp) :: own, moved
+    integer :: j, k, l
+
+    error = 0.0_wp
+    which = pack([(j, j=1, size(a))], .not. abs(a) > 0.0_wp)
+    if (size(which) == 0) return
+    call scales%flow%slopes(a, by_a, by_conjugate)
+    more = by_a
+    more_conjugate = by_conjugate
+    do j = 1, size(which)
+      call add_defect(scales, full, a, which(j), more, more_conjugate)
+    end do
+    more = more - by_a
+    more_conjugate = more_conjugate - by_conjugate
+    own = largest(0, 0)
+    do k = -1, 1, 2
+      do l = -1, 1, 2
+        error = max(error, abs(largest(k, l) - own))
+      end do
+    end do
+    associate (frame => minval(scales%flow%frame(which)))
+      moved = maxval(abs(more(which, which)) + abs(more_conjugate(which, which)))/frame
+      error = error + frame*moved*moved**(1.0_wp/3.0_wp)
+    end associate
+    ! Beside a growth that is larger it only counts as far as it reaches beyond.
+    error = max(error - (growth - max(own, resting)), 0.0_wp)
+
+  contains
+
+    real(wp) function largest(k, l)
+      integer, intent(in) :: k, l
+      complex(wp) :: values(2*size(which))
+      logical :: found
+      call eigenvalues(real_matrix(by_a(which, which) + k*more(which, which), &
+                                   by_conjugate(which, which) + l*more_conjugate(which, which)), &
+                       values, found)
+      largest = -huge(1.0_wp)
+      if (found) largest = maxval(real(values))
+    end function largest
+
+  end subroutine resting_error
 
   !> On top of the slopes by the amplitude of mode j at rest: what a little of it leaves over in the
   !! full equations that stands still with a mode, the order that follows.

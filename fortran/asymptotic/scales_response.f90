@@ -9,7 +9,7 @@ module viscovib_scales_response
   use viscovib_normal_products, only: reach_type
   use viscovib_polynomial_form, only: full_system_type, polynomial_form_type
   use viscovib_resonant_terms, only: left_out, wants_more
-  use viscovib_resting_modes, only: far_growth, resting_growth
+  use viscovib_resting_modes, only: far_growth, resting_error, resting_growth
   use viscovib_scales_error, only: steady_error
   use viscovib_scales_motion, only: harmonic_of, n_sizes
   use viscovib_status, only: fail, set_ok, show, status_input_error, status_type
@@ -160,7 +160,7 @@ contains
     type(reach_type), intent(in) :: reach
     logical, intent(in) :: with_errors
     complex(wp), intent(in) :: amplitudes(:)
-    real(wp) :: by_far, left
+    real(wp) :: by_far, left, growth, by_order
 
     if (points%n == size(points%value)) then
       call reserve(points, here%n_modes(), here%n_dof, 2*points%n + 1)
@@ -184,6 +184,9 @@ contains
                           points%harmonic_errors(:, m), points%motion_errors(:, m))
         points%growth_errors(m) = slopes_of_left_out*maxval(abs(points%eigenvalues(:, m))) &
                                   *relative_error(points, m, scales)
+        growth = max(maxval(real(points%eigenvalues(:, m))), points%resting(m))
+        call resting_error(scales, full, amplitudes, growth, points%resting(m), by_order)
+        points%growth_errors(m) = points%growth_errors(m) + by_order
       end if
     end associate
   end subroutine add_point

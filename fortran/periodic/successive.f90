@@ -162,8 +162,9 @@ contains
 
   !> What the orders left out would change: two turns with `more` of them from the motion
   !! found, the first of which finds them and the second what they do to the others, which
-  !! then goes on by the rate of the iteration. Beside kinks those beyond `more` count too. Of forces
-  !! that are no polynomials the first also finds what too few samples have made of the others.
+  !! then goes on by the rate of the iteration. Beside kinks those beyond `more` count too. Of
+  !! forces that are no polynomials the first also finds what too few samples have made of the
+  !! others.
   subroutine judge_chunk(system, load, more, work, response, first, last, fraction, compliance)
     class(oscillator_type), intent(in) :: system
     type(load_type), intent(in) :: load
@@ -229,8 +230,8 @@ contains
         if (found(lane) > 0.0_wp) short = 1.0_wp/(1.0_wp - min(rest(lane)/found(lane), slowest))
         found(lane) = found(lane)*short
         reach = 1.0_wp
-        if (kinked) call kinked_tail(system, rows_of(response%coefficients(:, :, at)), more%orders, &
-                                     found(lane), reach, short)
+        if (kinked) call kinked_tail(system, rows_of(response%coefficients(:, :, at)), &
+                                     more%orders, found(lane), reach, short)
         back(lane) = (back(lane)*short + aliased(lane))/max(1.0_wp - response%rate(at), stagnant)
         response%truncation(at) = max(found(lane)*reach, back(lane))/whole(lane)
       end do

@@ -22,7 +22,7 @@ def growth(matrix_at, period, n):
     return np.log(abs(multipliers)).max() / period
 
 
-def coupled(rng, h, p, damping):
+def coupled(rng, h, p, damping, stiff=0.0):
     """Two modes at rest, whose stiffness a third, stiff coordinate changes as h cos(p t)."""
     w = np.array([1.0, rng.uniform(1.3, 2.2)])
     fast, slow = 40.0, rng.normal(size=(2, 2))
@@ -31,8 +31,8 @@ def coupled(rng, h, p, damping):
     quadratic[:2, :2, 2] = coupling
     load = np.array([[0.0], [0.0], [h * (fast**2 - p**2)]])
     system = vv.CubicSystem(
-        mass=np.eye(3), stiffness=np.diag([*w**2, fast**2]), damping=np.diag([damping] * 2 + [0]),
-        quadratic=quadratic, load=load, drives=[p],
+        mass=np.eye(3), stiffness=np.diag([*w**2, fast**2]), quadratic=quadratic, load=load,
+        damping=np.diag([damping, damping, stiff]), drives=[p],
     )  # fmt: skip
 
     def matrix_at(t):
@@ -65,6 +65,31 @@ def test_modes_at_rest_grow_where_floquet_says():
     assert wrong == 0
     assert len(off) > 8
     assert np.median(off) < 0.03
+
+
+def test_the_growth_of_modes_at_rest_has_an_error():
+    """Of the motion beside them, which is exact, there is none: Floquet tells what there is."""
+    rng = np.random.default_rng(8)
+    ratios, decided = [], 0
+    for i in range(30):
+        h, damping = 10 ** rng.uniform(-1.5, -0.5), 10 ** rng.uniform(-4, -1.7)
+        w = coupled(np.random.default_rng(i), h, 1.0, damping)[2]
+        centre = [2 * w[0], 2 * w[1], w.sum(), w[0], 2 * w[0] / 3][i % 5]
+        p = centre * (1 + rng.uniform(-0.8, 0.8) * h)
+        system, matrix_at, _ = coupled(np.random.default_rng(i), h, p, damping, 1.0)
+        found = vv.MultipleScales(system).response("p1", [p])
+        if not found.in_range[0]:
+            continue
+        told = max(found.eigenvalues[0].real.max(), found.resting_growth[0])
+        true = growth(matrix_at, 2 * np.pi / p, 4)
+        assert found.growth_error[0] > 0
+        ratios.append(abs(told - true) / (found.growth_error[0] + 1e-8))
+        if found.decided[0]:
+            decided += 1
+            assert (told > 0) == (true > 0)
+    assert len(ratios) > 20
+    assert decided > 15
+    assert np.mean(np.array(ratios) < 1.5) > 0.9
 
 
 def test_the_seed_pendulum_under_its_parametric_load():

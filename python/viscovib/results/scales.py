@@ -288,7 +288,8 @@ class ScalesResponse(Result):
         """Estimated error of the largest growth by which ``stable`` is told, shape (n,).
 
         Terms of fourth order and above, which are left out, move a motion by its ``motion_errors``
-        e, and eigenvalues by 8 max|eigenvalue| e over the motion's size.
+        e, and eigenvalues by 8 max|eigenvalue| e over the motion's size. Modes at rest beside it
+        have what the order that follows does to their growth besides.
         """
         return self._all_errors[2]
 

@@ -85,7 +85,8 @@ class Trajectory(Result):
     error : float or None
         Estimated largest error of the states kept and of ``t_reached``, if asked for or ``dt``
         was "auto"; None of other steps that are given, or taken from a run that is resumed, as
-        summary and plan say; not of a last state at 1e6, which changes faster than any time is known.
+        summary and plan say; not of a last state at 1e6, which changes faster than any time is
+        known.
     resolution : float or None
         Of motion with memory: the last coefficient in Legendre polynomials of a displacement on
         a step, the largest of all steps, relative to the largest displacement. At 1e-2 and more
