@@ -348,3 +348,13 @@ def test_linear_motions_beside_antiresonances_keep_their_digits():
         off = np.abs(found.coefficients[0, :, 0] - true).max() / np.abs(true).max()
         worst = max(worst, off / np.linalg.cond(whole))
     assert worst < 1e-15
+
+
+def test_a_load_that_is_missing_is_refused():
+    """Nothing and an empty mapping: all motions were 0, and converged."""
+    system = vv.PolynomialSystem(mass=1, stiffness=1, damping=0.05, forces="x^3")
+    for given in ({}, {"load": {}}, {"base": {}}, {"load": {}, "base": {}}):
+        for call in (vv.forced_response, vv.trace_response):
+            with pytest.raises(vv.InputError, match="without them every motion is 0"):
+                call(system, (0.5, 0.9), **given)
+    assert vv.forced_response(system, [0.5], load=0).converged.all()

@@ -1,7 +1,7 @@
 """Steady forced response: amplitudes of every harmonic over a band of frequencies."""
 
 import warnings
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -259,7 +259,7 @@ def _prepare(
         refuse_turning(system, "the method of successive approximations")
     if nu is None:
         raise InputError("nu: must be given for a mount or a polynomial system")
-    if load is None and base is None:
+    if all(term is None or (isinstance(term, Mapping) and not term) for term in (load, base)):
         raise InputError(
             "load or base: must be given (0 is allowed): without them every motion is 0"
         )
