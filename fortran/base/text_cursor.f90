@@ -10,6 +10,17 @@ module viscovib_text_cursor
 
   character(len=*), parameter, public :: digits = '0123456789'
   character(len=*), parameter :: white = achar(9)//achar(10)//achar(11)//achar(12)//achar(13)
+  character(len=*), parameter :: names = 'abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ_'
+  !> Signs of typesetting (UTF-8) that stand for others: minus and dashes; a middle dot, a dot
+  !! operator and a cross; raised 2 and 3; an apostrophe, a prime and a closing quote.
+  character(len=*), parameter :: page = char(226)//char(128)
+  character(len=*), parameter :: dashes(3) = [char(226)//char(136)//char(146), &
+                                              page//char(147), page//char(148)]
+  character(len=*), parameter :: dots(3) = [char(194)//char(183)//' ', &
+                                            char(226)//char(139)//char(133), &
+                                            char(195)//char(151)//' ']
+  character(len=*), parameter :: raised(2) = [char(194)//char(178), char(194)//char(179)]
+  character(len=*), parameter :: primes(3) = ["'  ", page//char(178), page//char(153)]
 
   !> The text, a blank at its end, and where in it the reader stands; `fault` says what is wrong.
   type :: text_cursor
@@ -20,6 +31,7 @@ module viscovib_text_cursor
     procedure :: peek
     procedure :: next_two
     procedure :: blame
+    procedure, private :: meant
     procedure :: read_digits
   end type text_cursor
 
@@ -68,9 +80,37 @@ contains
     if (self%at >= len(self%text)) then
       self%fault = 'its end is '//what
     else
-      self%fault = "'"//self%text(self%at:last)//"' (character "//show(self%at)//') is '//what
+      self%fault = quoted(self%text(self%at:last))//' (character '//show(self%at)//') is '//what &
+                   //self%meant(self%text(self%at:last))
     end if
   end subroutine blame
+
+  pure function quoted(sign)
+    character(len=*), intent(in) :: sign
+    character(len=:), allocatable :: quoted
+    quoted = "'"//sign//"'"
+    if (sign == "'") quoted = '"'//sign//'"'
+  end function quoted
+
+  !> How a law writes what people write in other ways; nothing if that is not known.
+  pure function meant(self, sign)
+    class(text_cursor), intent(in) :: self
+    character(len=*), intent(in) :: sign
+    character(len=:), allocatable :: meant, before
+
+    before = trim(self%text(:self%at - 1))
+    before = before(max(len(before), 1):)
+    meant = ''
+    if (any(sign == primes)) meant = 'a rate is x_dot, of d it is v'
+    if (sign == '|') meant = 'an absolute value is abs(x)'
+    if (sign == ',' .and. scan(before, digits) > 0) meant = 'a number has a decimal point'
+    if (any(sign == dashes)) meant = 'minus is -'
+    if (any(sign == dots)) meant = 'times is *'
+    if (any(sign == raised)) meant = 'powers are x^2, x^3'
+    if (scan(sign, names) > 0 .and. scan(before, digits//')') > 0) meant = 'every product has its *'
+    if (sign == '(' .and. scan(before, digits//')') > 0) meant = 'every product has its *'
+    if (meant /= '') meant = ': '//meant
+  end function meant
 
   !> A number such as 2, .5, 1e-3.
   subroutine read_digits(self, exponents, value)

@@ -144,11 +144,8 @@ contains
     end if
     call check_finite('mass', reshape(p%mass, [size(p%mass)]), status)
     if (status%failed()) return
-    if (any(abs(p%mass - transpose(p%mass)) > 1.0e-12_wp*maxval(abs(p%mass))) &
-        .or. .not. positive_definite(p%mass)) then
-      call fail(status, status_input_error, 'mass', 'mass: must be symmetric and positive definite')
-      return
-    end if
+    call check_mass(p%mass, status)
+    if (status%failed()) return
     call check_finite('damping', reshape(p%damping, [size(p%damping)]), status)
     if (status%failed()) return
     call check_finite('stiffness', reshape(p%stiffness, [size(p%stiffness)]), status)
@@ -185,22 +182,36 @@ contains
     end if
   end subroutine check_parameters
 
-  !> Whether all pivots of Cholesky's factors are positive.
-  pure logical function positive_definite(matrix)
-    real(wp), intent(in) :: matrix(:, :)
-    real(wp) :: a(size(matrix, 1), size(matrix, 1))
-    integer :: j, k
+  !> Whether it is symmetric, and all pivots of Cholesky's factors are positive.
+  subroutine check_mass(mass, status)
+    real(wp), intent(in) :: mass(:, :)
+    type(status_type), intent(inout) :: status
+    character(len=*), parameter :: wanted = 'mass: must be symmetric and positive definite'
+    real(wp) :: a(size(mass, 1), size(mass, 1))
+    integer :: j, k, at(2)
 
-    a = matrix
-    positive_definite = .true.
+    a = abs(mass - transpose(mass))
+    if (any(a > 1.0e-12_wp*maxval(abs(mass)))) then
+      at = maxloc(a)
+      associate (i => minval(at), j => maxval(at))
+        call fail(status, status_input_error, 'mass', wanted//', has '//show(mass(i, j)) &
+                  //' in row '//show(i)//', column '//show(j)//' and '//show(mass(j, i)) &
+                  //' in row '//show(j)//', column '//show(i))
+      end associate
+      return
+    end if
+    a = mass
     do k = 1, size(a, 1)
-      positive_definite = a(k, k) > 4.0_wp*epsilon(1.0_wp)*matrix(k, k)
-      if (.not. positive_definite) return
+      if (.not. a(k, k) > 4.0_wp*epsilon(1.0_wp)*mass(k, k)) then
+        call fail(status, status_input_error, 'mass', wanted//', has too small a diagonal ' &
+                  //show(mass(k, k))//' in row '//show(k))
+        return
+      end if
       do j = k + 1, size(a, 1)
         a(j:, j) = a(j:, j) - a(j:, k)*(a(j, k)/a(k, k))
       end do
     end do
-  end function positive_definite
+  end subroutine check_mass
 
   pure subroutine set_monomial(monomial, coefficient, equation, powers)
     type(monomial_type), intent(inout) :: monomial

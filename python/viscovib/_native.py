@@ -8,6 +8,7 @@ import ctypes
 import math
 import threading
 from collections.abc import Callable, Mapping
+from numbers import Number
 from typing import Any, TypeVar
 
 import numpy as np
@@ -47,17 +48,17 @@ MANY_SAMPLES, MANY_STEPS = 2**18, 2000
 _PART = 0.1
 
 
-def number(name: str, value: object) -> float:
-    """Return ``value`` as a finite float, or say what it should have been."""
+def number(name: str, value: object, other: str = "") -> float:
+    """Return ``value`` as a finite float, or say what it should have been, or what ``other``."""
     if type(value) is not float:
         refuse_mask(name, value)
         if isinstance(value, (bool, np.bool_, str, bytes)) or value is None:
-            raise InputError(f"{name} = {shown(value)}: must be a real number")
+            raise InputError(f"{name} = {shown(value)}: must be a real number{other}")
         try:
             value = float(value)  # type: ignore[arg-type]
         except Exception:
             # Whatever an object raises that is asked for its value: it is none.
-            raise InputError(f"{name} = {shown(value)}: must be a real number") from None
+            raise InputError(f"{name} = {shown(value)}: must be a real number{other}") from None
     result: float = value
     if not math.isfinite(result):
         raise InputError(f"{name} = {result}: must be a finite number")
@@ -97,7 +98,7 @@ def real_array(name: str, value: object, *, ndim: int | None = None) -> FloatArr
 
 def complex_array(name: str, value: object, *, ndim: int | None = None) -> ComplexArray:
     """Return finite complex numbers as a C-contiguous complex128 array."""
-    return _checked(name, _array(name, value).astype(np.complex128, copy=False), ndim)
+    return _checked(name, _array(name, value), ndim).astype(np.complex128, copy=False)
 
 
 def any_array(name: str, value: object) -> npt.NDArray[Any]:
@@ -153,9 +154,24 @@ def _refuse_below(name: str, value: object, depth: int) -> None:
 
 def _array(name: str, value: object) -> npt.NDArray[Any]:
     array = any_array(name, value)
+    if array.dtype.kind == "O" and all(isinstance(one, Number) for one in array.flat):
+        # Of fractions, decimals, or of columns of a table that were read as objects.
+        exact = any(isinstance(one, complex | np.complexfloating) for one in array.flat)
+        try:
+            array = array.astype(complex if exact else float)
+        except (OverflowError, ValueError):
+            raise InputError(f"{name} = {shown(value)}: must be finite numbers") from None
     if array.dtype.kind not in "iufc":
-        raise InputError(f"{name} = {shown(value)}: must be numbers, got {array.dtype}")
+        raise InputError(f"{name} = {shown(value)}: must be numbers, got {_kind(array)}")
     return array
+
+
+def _kind(array: npt.NDArray[Any]) -> str:
+    """What is in an array that holds no numbers."""
+    if array.dtype.kind != "O":
+        return {"U": "text", "S": "bytes", "b": "bool"}.get(array.dtype.kind, str(array.dtype))
+    other = next((one for one in array.flat if not isinstance(one, Number)), None)
+    return "None" if other is None else f"a {type(other).__name__}"
 
 
 def _checked(name: str, array: npt.NDArray[Any], ndim: int | None) -> npt.NDArray[Any]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 import re
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from types import FunctionType, ModuleType
 from typing import Any, TypeVar
 
@@ -90,12 +90,24 @@ def _naming_near(function: _F) -> _F:
         try:
             return function(*args, **options)
         except TypeError as error:
-            if text := _misspelt(function, options):
+            if text := _misspelt(function, options) or _unnamed(function, args):
                 said = str(error.args[0]).replace(".__init__()", "()")
                 raise TypeError(f"{said}: {text}") from None
             raise
 
     return called  # type: ignore[return-value]
+
+
+def _unnamed(function: Callable[..., Any], given: Sequence[Any]) -> str:
+    """What is to be said of more arguments without a name than the function takes."""
+    import inspect
+
+    parameters = list(inspect.signature(function).parameters.values())
+    if any(p.kind is p.VAR_POSITIONAL for p in parameters):
+        return ""
+    places = sum(p.kind in (p.POSITIONAL_ONLY, p.POSITIONAL_OR_KEYWORD) for p in parameters)
+    rest = [f"{p.name}=" for p in parameters if p.kind is p.KEYWORD_ONLY]
+    return f"give {', '.join(rest)} by name" if rest and len(given) > places else ""
 
 
 def _misspelt(function: Callable[..., Any], options: Iterable[str]) -> str:

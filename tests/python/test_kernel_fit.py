@@ -278,6 +278,18 @@ class TestPropagate:
         assert band.low[1] == band.high[1] == 2.0
         with pytest.raises(vv.InputError, match="must be one shape"):
             vv.propagate(fit, lambda s: np.zeros(2 if s.modulus > fit.modulus else 3), samples=50)
+        with pytest.raises(vv.InputError, match="function: gave None, must give real numbers"):
+            vv.propagate(fit, lambda s: None, samples=5)
+        assert "at most nan % wide" in repr(vv.propagate(fit, lambda s: np.nan, samples=5))
+
+    def test_two_rows_constrain_nothing(self):
+        """Without a word of NumPy's about infinite covariances."""
+        data = vv.ModulusData(frequencies=[1, 2], storage=[1, 1.1], loss=[0.1, 0.1])
+        with pytest.warns(vv.ConvergenceWarning) as told:
+            fit = vv.fit_kernel(data, kind="rabotnov")
+        assert "do not constrain" in str([one.message for one in told])
+        assert {one.category for one in told} == {vv.ConvergenceWarning}
+        assert np.isnan(fit.parameters["alpha"])
 
 
 class TestPronyTerms:

@@ -35,6 +35,11 @@ def test_of_calls(call, text):
     assert text in str(told.value)
 
 
+def test_of_arguments_without_a_name():
+    with pytest.raises(TypeError, match=r"give amplitude=, alpha=, beta= by name$"):
+        vv.RzhanitsynKernel(0.1, 0.2, 0.3)
+
+
 def test_of_pictures():
     response = vv.forced_response(system(), [0.5, 1.0], load=0.1)
     response.plot(harmonic=1)

@@ -115,6 +115,7 @@ def test_bad_arrays_are_told():
         ({"loss": [1.0]}, "loss has 1 numbers"),
         ({"frequencies": [1.0, 1.0]}, "is given twice"),
         ({"quantity": "D"}, "quantity"),
+        ({"temperature": -300}, r"temperature\[0\] = -300: must be above -273.15 degrees Celsius"),
     ):
         with pytest.raises(vv.InputError, match=told):
             vv.ModulusData(**(good | change))
@@ -151,6 +152,14 @@ class TestKramersKronig:
         found = vv.kramers_kronig(wrong)
         assert not found.consistent
         assert np.median(found.ratio) == pytest.approx(1.7, rel=0.03)
+
+    def test_swapped_columns_are_told(self):
+        """The storage would have to fall, which leaves no loss at all."""
+        data = made(KERNELS["rabotnov"])
+        swapped = vv.ModulusData(frequencies=data.frequencies, storage=data.loss, loss=data.storage)
+        found = vv.kramers_kronig(swapped)
+        assert not found.consistent
+        assert found.ratio.max() > 100
 
     def test_the_published_master_curve_contradicts_itself(self):
         """Floors by another program: 20.3, 13.2 % together, E' alone 1.4 %, E'' alone 2.6 %."""

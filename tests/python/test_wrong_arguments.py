@@ -49,6 +49,35 @@ def follow(**options):
     return vv.trace_response(body(), **({"nu_range": (0.5, 1), "load": 0.1} | options))
 
 
+def cubic(**options):
+    return vv.simulate(CUBIC, 5.0, **options)
+
+
+def engine(**options):
+    foot = vv.MountPoint(name="foot", position=(0, 0, 0), stiffness=(1, 1, 1))
+    return vv.Body(mass=1, inertia=(1, 1, 1), mounts=[foot], **options)
+
+
+def two_masses(mass):
+    return vv.PolynomialSystem(mass=mass, stiffness=np.eye(2))
+
+
+def named(unread, **options):
+    """Of a system with a parameter that stands in no force."""
+    given = {"k": 1.0, unread: 1.0}
+    system = vv.PolynomialSystem(mass=1, stiffness=1, damping=0.1, forces="k*x^3", parameters=given)
+    if "parameters" in options:
+        return vv.simulate_ensemble(system, initial=[1, 0], t_end=5, **options)
+    return vv.trace_response(system, load=0.1, **options)
+
+
+def joined(**options):
+    """Of a structure whose joint has a parameter that its law does not name."""
+    joint = vv.Spring(on="x1", law="k*d^3", parameters={"k": 1.0, "c": 1.0})
+    chain = vv.Structure(mass=[1, 1], stiffness=np.diag([1.0, 2.0]), elements=[joint])
+    return vv.trace_response(chain, nu=0.5, vary_range=(0, 1), load={"x1": 0.1}, **options)
+
+
 @pytest.mark.parametrize(
     ("work", "text"),
     [
@@ -68,6 +97,37 @@ def follow(**options):
         (lambda: vv.sweep(lambda x: x, {"x": [1]}, vectorized=EMPTY), "vectorized = array"),
         (lambda: vv.sweep(lambda x: x, {"x": [1]}, chunk=EMPTY), "chunk = array"),
         (lambda: vv.PolynomialSystem(mass=1, stiffness=1, springs=None), "springs: must be"),
+        # What a number or an array may be, and which numbers.
+        (lambda: swing(dt="Auto"), "dt = 'Auto': must be a real number or 'auto'"),
+        (lambda: many(dt="Auto"), "dt = 'Auto': must be a real number or 'auto'"),
+        (lambda: many(lyapunov="largest"), "lyapunov = 'largest': must be True, False or 'all'"),
+        (lambda: many(n_periods=3, t_end=None), "must name the load .* as sections=1"),
+        (
+            lambda: cubic(initial=[1]),
+            r"initial: must have shape \(2,\), got \(1,\): values of x, x_d",
+        ),
+        (
+            lambda: cubic(initial={"x": 1}),
+            r"initial = {'x': 1}: must be 2 numbers, values of x, x_dot",
+        ),
+        (lambda: cubic(initial=[1, 0], method="RK45"), "'gauss16', .*'rk4', .*'gauss6'"),
+        (lambda: cubic(initial=[1, 0], events=["y"]), r"'y' is neither a variable \(x, x_dot, t\)"),
+        (lambda: respond(load="0.1"), "must be numbers, got text"),
+        (lambda: respond(load=[None, 1]), "must be numbers, got None"),
+        (lambda: respond(load=np.sin), "must be numbers, got a ufunc"),
+        (lambda: respond(load=[10**400, 1]), "must be finite numbers"),
+        (lambda: respond(load=np.nan), r"load\[1\] = nan: must be"),
+        (lambda: engine(gravity=-9.81), "gravity = -9.81: must not be negative as a number"),
+        (lambda: vv.PolynomialSystem(mass=-1), "positive definite, has too small a diagonal -1 in"),
+        (lambda: two_masses([[1, 2], [3, 4]]), "has 2 in row 1, column 2 and 3 in row 2, column 1"),
+        (lambda: two_masses([[1, 2], [2, 1]]), "has too small a diagonal 1 in row 2"),
+        # Numbers that nothing reads.
+        (
+            lambda: named("gap", vary="gap", vary_range=(0, 1), nu=1.0),
+            "a parameter of its forces, k$",
+        ),
+        (lambda: named("c", parameters={"c": [1, 2]}), "'c' does not vary .*memory_scale, k$"),
+        (lambda: joined(vary="elements[0].c"), "must be one of stiffness, k of this element"),
         # Other things than results, mappings or pairs.
         (lambda: vv.plot_trajectory("x"), "trajectory = 'x': must be a Trajectory"),
         (lambda: vv.plot_trajectory([None]), r"trajectory\[0\] = None: must be a Trajectory"),

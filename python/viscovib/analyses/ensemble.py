@@ -254,12 +254,11 @@ def _plan(job: _Job, n_steps: int, sought: Accuracy | None, sections: bool, prel
 
 def _exponents(members: Members, lyapunov: bool | str) -> int:
     """How many exponents of each run are wanted."""
-    if isinstance(lyapunov, str):
-        _native.choice("lyapunov", lyapunov, ("all",))
-        count = 2 * len(members.dof_names)
-    else:
-        count = int(_native.flag("lyapunov", lyapunov))
-    return count
+    if isinstance(lyapunov, str) and lyapunov == "all":
+        return 2 * len(members.dof_names)
+    if not isinstance(lyapunov, (bool, np.bool_)):
+        raise InputError(f"lyapunov = {_native.shown(lyapunov)}: must be True, False or 'all'")
+    return int(lyapunov)
 
 
 def _spectrum(exponents: FloatArray | None, wanted: int) -> FloatArray | None:
@@ -297,7 +296,9 @@ class _Length:
             raise InputError(f"t_end = {end:g}: must be greater than 0")
         if sections is None:
             if n_periods is not None:
-                raise InputError("n_periods: sections must name the load whose periods are meant")
+                raise InputError(
+                    "n_periods: sections must name the load whose periods are meant, as sections=1"
+                )
             if before >= end:
                 raise InputError(f"discard = {before:g}: must be less than t_end = {end:g}")
             return cls(np.full(members.n, end), before)
@@ -328,7 +329,7 @@ class _Length:
         if _native.is_auto(dt):
             n = members.first_steps(self.span)
         else:
-            step = _native.number("dt", dt)
+            step = _native.number("dt", dt, " or 'auto'")
             if not 0 < step <= longest:
                 raise InputError(
                     f"dt = {step:g}: must be greater than 0 and not exceed the run's {longest:g}"

@@ -14,7 +14,7 @@ import numpy.typing as npt
 from viscovib import _native
 from viscovib._native import ComplexArray, FloatArray, core
 from viscovib.analyses.kept_numbers import of_mount
-from viscovib.analyses.runs import MAX_STEPS, Piece, Run, Wanted, again, nothing
+from viscovib.analyses.runs import MAX_STEPS, Piece, Run, Wanted, again, nothing, starting_state
 from viscovib.common.mesh import Mesh
 from viscovib.common.past import Past
 from viscovib.errors import InputError, StabilityWarning, caller
@@ -92,7 +92,7 @@ class MountMotion:
             state = np.zeros(2 * n)
             state[::2] = moved[:, -1]
         else:
-            state = _vector("initial", initial, 2 * n)
+            state = starting_state(initial, n, mount.dof_names)
         name = _native.choice("method", method, ("auto", *NODES))
         name = "gauss8" if name == "auto" else name
         _native.choice("memory", memory, ("auto", *PASTS))

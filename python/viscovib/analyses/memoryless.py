@@ -10,8 +10,8 @@ import numpy.typing as npt
 
 from viscovib import _native
 from viscovib._native import FloatArray, core
-from viscovib.analyses.hereditary import moving, table_of
-from viscovib.analyses.runs import MAX_STEPS, Piece, Run, ThinLayers, nothing
+from viscovib.analyses.hereditary import NODES, moving, table_of
+from viscovib.analyses.runs import MAX_STEPS, Piece, Run, ThinLayers, nothing, starting_state
 from viscovib.common.parameters import MAX_HARMONICS
 from viscovib.common.past import Past
 from viscovib.errors import InputError
@@ -29,6 +29,8 @@ SIDE_BY_SIDE = EXPLICIT | {"gauss8": 5, "gauss16": 6}
 METHODS = {"gauss8": 1, "gauss16": 2, "gauss2": 3, "gauss3": 4} | {
     name: place + 4 for name, place in EXPLICIT.items()
 }
+#: What a system without memory may ask for; the last two are those of systems with memory.
+_EVERY_METHOD = tuple({"auto": 0} | METHODS | NODES)
 #: Numbers that a run needs to go on; the core uses as many as the method has.
 _MEMORY = 256
 #: Coordinates of a polynomial system that explicit methods take: those of a lane of the core.
@@ -87,14 +89,15 @@ def goes_as_pendulum(
     if system._active_kernels or not _native.is_auto(memory):
         return False
     plain = load is None or type(load) is float
-    # Forces by the names of coordinates are of order 1.
-    orders: list[Any] = list(load) if not plain and isinstance(load, Mapping) else []
-    orders = [1 if isinstance(order, str) else order for order in orders]
+    orders: list[Any] = []
+    if not plain and isinstance(load, Mapping):
+        # Forces by the names of coordinates are of order 1.
+        orders = [1 if isinstance(order, str) else order for order in load]
     highest = max(orders, default=0)
     return (
         len(system.dof_names) <= MAX_DOF
-        and isinstance(method, str)
-        and (method == "auto" or method in METHODS)
+        # What no method is called is refused with the names of all.
+        and not (isinstance(method, str) and method in NODES and method not in METHODS)
         and base is None
         and held is None
         and isinstance(highest, int)
@@ -123,9 +126,7 @@ def polynomial_runs(
     """Return what makes a run with a step, and the steps to begin with."""
     n = len(system.dof_names)
     breaks, pieces = table_of(force, n)
-    state = np.zeros(2 * n) if initial is None else _native.real_array("initial", initial)
-    if state.shape != (2 * n,):
-        raise InputError(f"initial: must have shape ({2 * n},), got {state.shape}")
+    state = np.zeros(2 * n) if initial is None else starting_state(initial, n, system.dof_names)
     if load is None and nu is not None:
         raise InputError("nu: must not be given without load")
     # One number names no coordinate.
@@ -141,6 +142,8 @@ def polynomial_runs(
     if frequency < 0 or (frequency == 0 and acting and max(given_orders) > 0):
         given = "None" if nu is None else f"{frequency:g}"
         raise InputError(f"nu = {given}: must be greater than 0 with a load of order 1 or more")
+    if type(method) is not str or method not in _EVERY_METHOD:
+        _native.choice("method", method, _EVERY_METHOD)
     name = "gauss8" if method == "auto" else method
     # Steps must see the highest order of the load.
     highest = frequency * max(acting, default=0)

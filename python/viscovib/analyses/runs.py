@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cache, partial
 from typing import Any, ClassVar, NamedTuple
@@ -37,6 +37,8 @@ ROUNDING = 1e-15
 LOCATED = 1e-12
 #: Halvings of the step before a tolerance is given up, and while two runs end unlike each other.
 _MIN_HALVINGS, _MAX_HALVINGS, _MAX_UNLIKE = 5, 12, 9
+#: Coordinates that a message lists.
+_LISTED = 4
 #: Steps of a native call that looks for events.
 _WATCHED = 10_000
 
@@ -159,6 +161,19 @@ class Piece(NamedTuple):
     #: Signal, time and state of each event, a column each; how many there are.
     found: FloatArray
     n_found: int
+
+
+def starting_state(initial: Any, n: int, dof_names: Sequence[str]) -> FloatArray:
+    """Return coordinates and velocities to begin with, of n coordinates."""
+    if type(initial) is not dict:
+        state = _native.real_array("initial", initial)
+        if state.shape == (2 * n,):
+            return state
+    names = [f"{name}{dot}" for name in dof_names[:_LISTED] for dot in ("", "_dot")]
+    listed = f"values of {', '.join(names)}{', ...' if n > _LISTED else ''}"
+    if type(initial) is dict:
+        raise InputError(f"initial = {_native.shown(initial)}: must be {2 * n} numbers, {listed}")
+    raise InputError(f"initial: must have shape {(2 * n,)}, got {state.shape}: {listed}")
 
 
 @cache

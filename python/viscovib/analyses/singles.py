@@ -26,6 +26,7 @@ from viscovib.analyses.structure_motion import goes_condensed
 from viscovib.analyses.transient import Acting, kept_by, observed, runs_of
 from viscovib.errors import InputError
 from viscovib.results.trajectory import OUTCOMES
+from viscovib.systems.laws import named_in
 from viscovib.systems.load import LoadLike
 from viscovib.systems.mount import Mount
 from viscovib.systems.pendulum import PARAMETERS, Pendulum
@@ -107,7 +108,7 @@ class SingleMembers(Members):
         elif isinstance(system, Structure):
             allowed = (*_OF_LOADS, *_element_numbers(system))
         elif type(system) is PolynomialSystem:
-            allowed = (*_OF_LOADS, *_SCALED, *(system.parameters or ()))
+            allowed = (*_OF_LOADS, *_SCALED, *system._named_parameters)
         if name not in allowed:
             raise InputError(
                 f"parameters: {name!r} does not vary in an ensemble of this system, must be one of "
@@ -373,7 +374,7 @@ def _element_numbers(structure: Structure) -> list[str]:
     for i, element in enumerate(structure.elements):
         own = [f.name for f in fields(element) if isinstance(getattr(element, f.name), float | int)]
         own = [name for name in own if not isinstance(getattr(element, name), bool)]
-        own += list(getattr(element, "parameters", None) or ())
+        own += named_in(getattr(element, "parameters", None) or (), getattr(element, "law", None))
         names += [f"elements[{i}].{name}" for name in own]
     return names
 

@@ -16,7 +16,7 @@ from viscovib import _native
 from viscovib._native import FloatArray, core
 from viscovib.analyses.hereditary import FIRST, NODES, PASTS, MountRun, history_of
 from viscovib.analyses.kept_numbers import of_structure
-from viscovib.analyses.runs import MAX_STEPS, Piece, Run, Wanted
+from viscovib.analyses.runs import MAX_STEPS, Piece, Run, Wanted, starting_state
 from viscovib.analyses.structure_modal import modal_arrays
 from viscovib.common.counts import things
 from viscovib.common.past import Past
@@ -155,9 +155,7 @@ class StructureMotion:
         state = np.zeros(2 * n)
         state[::2] = moved[:, -1]
         if initial is not None:
-            state = _native.real_array("initial", initial)
-            if state.shape != (2 * n,):
-                raise InputError(f"initial: must have shape ({2 * n},), got {state.shape}")
+            state = starting_state(initial, n, structure.dof_names)
         frequency = 0.0 if nu is None else _native.number("nu", nu)
         if load is None and waved is None and nu is not None:
             raise InputError("nu: must not be given without load or base")

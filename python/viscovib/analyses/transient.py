@@ -254,7 +254,7 @@ def simulate(
         else:
             steps, _ = prepared(_SHARPER)
         return _heard(by_tolerance(steps.of(n), n, accuracy, dense=free, inside=inside))
-    return _heard(_with_step(steps, end, _native.number("dt", dt), estimated))
+    return _heard(_with_step(steps, end, _native.number("dt", dt, " or 'auto'"), estimated))
 
 
 def _heard(run: Trajectory) -> Trajectory:

@@ -39,6 +39,7 @@ from viscovib.bodies.turning import (
     turning_vector,
 )
 from viscovib.bodies.unit_doubts import warn_of_units
+from viscovib.common.counts import things
 from viscovib.errors import InputError, StabilityWarning, caller
 from viscovib.systems.condensed import Condensation
 from viscovib.systems.laws import Law
@@ -292,7 +293,7 @@ class Body(LinearBody):
 
     def __repr__(self) -> str:
         """Say what it is in a few lines."""
-        lines = [f"<Body: {self.body_mass:g} kg on {len(self.mounts)} mounts"]
+        lines = [f"<Body: {self.body_mass:g} kg on {things(len(self.mounts), 'mount')}"]
         for mount in self.mounts:
             place = " ".join(f"{p:g}" for p in np.asarray(mount.position))
             stiffness = " ".join(f"{k:g}" for k in np.asarray(mount.stiffness))

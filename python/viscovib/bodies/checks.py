@@ -51,6 +51,11 @@ def checked_gravity(value: Any) -> FloatArray | None:
         return None
     given = _native.real_array("gravity", value)
     if given.ndim == 0:
+        if given < 0:
+            raise InputError(
+                f"gravity = {float(given):g}: must not be negative as a number, which acts along "
+                "-z; give (0, 0, gz) for another direction"
+            )
         return np.array([0.0, 0.0, -float(given)])
     return checked_vector("gravity", given)
 

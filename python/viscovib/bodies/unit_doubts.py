@@ -39,8 +39,9 @@ def warn_of_units(
     radius = math.sqrt(np.trace(inertia) / 2 / mass)
     farthest = 0.0
     for mount in mounts:
-        largest = float(np.abs(np.asarray(mount.angles)).max())
-        if largest > 2 * math.pi:
+        angles = np.asarray(mount.angles)
+        largest = float(angles[np.abs(angles).argmax()])
+        if abs(largest) > 2 * math.pi:
             warnings.warn(
                 f"{mount.name}: angles: {largest:g} is more than a whole turn: angles are in "
                 "rad, those in degrees are to be multiplied by units.degree",

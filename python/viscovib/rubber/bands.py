@@ -63,7 +63,8 @@ class Band(Value):
 
     def __repr__(self) -> str:
         with np.errstate(all="ignore"):
-            width = float(np.nanmax((self.high - self.low) / np.abs(self.median)))
+            widths = (self.high - self.low) / np.abs(self.median)
+        width = float(np.fmax.reduce(widths, axis=None, initial=np.nan))
         return (
             f"Band({self.answers.shape[0]} answers of shape {self.nominal.shape}, "
             f"{100 * self.level:g} %, at most {100 * width:.2g} % wide, "
@@ -155,9 +156,12 @@ def _answer(
     try:
         answer = np.asarray(given, dtype=float)
     except (TypeError, ValueError):
+        answer = None
+    # None would become NaN, which says that there is no answer.
+    if answer is None or given is None:
         raise InputError(
             f"function: gave {_native.shown(given)}, must give real numbers of one shape"
-        ) from None
+        )
     if shape is not None and answer.shape != shape:
         raise InputError(f"function: gave shape {answer.shape}, before {shape}: must be one shape")
     return answer

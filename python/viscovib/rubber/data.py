@@ -18,6 +18,7 @@ from viscovib._native import ComplexArray, FloatArray
 from viscovib.common.parameters import Number
 from viscovib.common.values import Value
 from viscovib.errors import InputError
+from viscovib.kernels.time_temperature import KELVIN
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -242,6 +243,8 @@ def _columns(data: Any, needed: Sequence[str], others: Sequence[str]) -> int:
             n = array.size
         elif array.size != n:
             raise InputError(f"{name} has {array.size} numbers: must match {needed[0]}, {n}")
+        if name == "temperature":
+            _first_wrong(name, array, array <= -KELVIN, f"be above -{KELVIN} degrees Celsius")
         array.setflags(write=False)
         object.__setattr__(data, name, array)
     return n

@@ -173,7 +173,8 @@ def kramers_kronig(data: ModulusData) -> KramersKronig:
         joint <= _FACTOR * own + _SLACK
         for joint, own in zip(together, (alone, of_loss), strict=True)
     )
-    ratio = loss / np.maximum(expected, np.finfo(float).tiny)
+    # Where the storage leaves no loss at all, any is infinitely too much.
+    ratio = np.divide(loss, expected, out=np.full(nu.size, np.inf), where=expected > 0)
     return KramersKronig(
         consistent=consistent,
         together=together,

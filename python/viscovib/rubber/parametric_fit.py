@@ -101,7 +101,9 @@ class ParametricFit(KernelFit):
     def turned_covariance(self) -> FloatArray:
         """Of the logarithms of parameters (of alpha the logit), in the order of ``names``."""
         turn = self.model.turned_slopes(self.theta)
-        return np.asarray(turn @ self.covariance @ turn.T)
+        # Infinite where data do not tell a parameter; times 0 that is NaN, as unknown.
+        with np.errstate(invalid="ignore"):
+            return np.asarray(turn @ self.covariance @ turn.T)
 
     @cached_property
     def _errors(self) -> FloatArray:
@@ -111,7 +113,8 @@ class ParametricFit(KernelFit):
     def _alike(self) -> FloatArray:
         """Variances if all rows scattered alike, over those that they have."""
         turn = self.model.turned_slopes(self.theta)
-        plain = self._variance * np.diag(turn @ _inverse(self._problem[2]) @ turn.T)
+        with np.errstate(invalid="ignore"):
+            plain = self._variance * np.diag(turn @ _inverse(self._problem[2]) @ turn.T)
         own = self._errors**2
         known = np.isfinite(plain) & np.isfinite(own) & (own > 0)
         return np.where(known, plain / np.where(known, own, 1.0), 1.0)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -173,27 +173,29 @@ def compile_law(
     arguments: Sequence[str],
     parameters: Mapping[str, float],
     n_rates: int = 0,
+    *,
+    named: bool = False,
 ) -> Law:
-    """Compile a text; ``where`` is what an error calls it; the last arguments may be rates."""
+    """Compile a text; ``where`` is what an error calls it; the last arguments may be rates.
+
+    ``named``: whether the caller can give it parameters.
+    """
     if len(text) > _MAX_LENGTH:
         raise InputError(f"{where}: {len(text)} characters, must be at most {_MAX_LENGTH}")
     names = list(parameters)
     shown = repr(text if len(text) <= 60 else text[:57] + "...")
-    if not text.isascii():
-        raise InputError(f"{where} = {shown}: must have letters of the English alphabet")
+    # A letter that no file can hold has no bytes of its own.
+    letters = text.encode("utf-8", "backslashreplace")
     try:
         code, number, n, parity, degree = _native.call(
-            core.law_compile, text.replace("\n", " "), _fields(arguments), len(arguments),
+            core.law_compile, letters, _fields(arguments), len(arguments),
             _fields(names), np.array([parameters[name] for name in names]), _MAX_CODE,
         )  # fmt: skip
     except InputError as error:
-        raise InputError(f"{where} = {shown}: {error}") from None
+        told = _told_of_name(str(error), arguments, named=named)
+        raise InputError(f"{where} = {shown}: {told}") from None
     steps = tuple(code[:n].tolist()), tuple(number[:n].tolist())
     return Law(text, tuple(arguments), *steps, parity, degree, n_rates)
-
-
-#: How the other reader tells of a text that ends too early.
-_UNFINISHED = "its end is found where a number, a name or ( should be"
 
 
 def called_law(
@@ -258,19 +260,9 @@ def read_law(
     names = [*arguments, *parameters]
     try:
         terms = expand(where, text, names)
-    except InputError as error:
-        try:
-            law = compile_law(where, text, [*arguments, *rates], parameters, len(rates))
-        except InputError as other:
-            _complain_of_name(other, [*arguments, *rates], named=named)
-            # Of a text with a function the other reader knows what is wrong.
-            told = (
-                re.search(r"[A-Za-z_]\w*\s*\(|[<>]", text)
-                or any(re.search(rf"\b{name}\b", text) for name in rates)
-                or text.count("(") != text.count(")")
-                or str(other).endswith(_UNFINISHED)
-            )
-            raise (other if told else error) from None
+    except InputError:
+        # It is none; what may be wrong with it is told by the reader of all laws.
+        law = compile_law(where, text, [*arguments, *rates], parameters, len(rates), named=named)
         _refuse_edge(where, law)
         return law
     result: Polynomial = {}
@@ -288,17 +280,34 @@ def read_law(
     return result
 
 
-def _complain_of_name(error: InputError, variables: Sequence[str], *, named: bool) -> None:
-    """If a name is unknown, say which there are, and how it may become a parameter."""
-    parts = re.fullmatch(r"(.*)'(\w+)' is neither a variable nor a parameter(.*)", str(error))
+def _told_of_name(told: str, variables: Sequence[str], *, named: bool) -> str:
+    """What is wrong; of an unknown name also which there are, and how it may become a parameter."""
+    parts = re.fullmatch(r"'(\w+)' is neither a variable nor a parameter(.*)", told)
     if parts is None:
-        return
-    place, name, near = parts.groups()
+        return told
+    name, near = parts.groups()
     listed = ", ".join(variables[:_LISTED]) + ", ..." * (len(variables) > _LISTED)
     hint = f"; to make it one, give parameters={{{name!r}: its value}}" if named else ""
-    raise InputError(
-        f"{place}{name!r} is neither a variable ({listed}) nor a parameter{near}{hint}"
-    ) from None
+    return f"{name!r} is neither a variable ({listed}) nor a parameter{near}{hint}"
+
+
+def named_in(names: Iterable[str], *laws: object) -> tuple[str, ...]:
+    """Which of the names stand in laws: texts, lists of these or mappings to these, else none.
+
+    Of a function of Python all do: it is not called for parameters that it does not take.
+    """
+    texts: list[object] = []
+    for law in laws:
+        if isinstance(law, Mapping):
+            texts += law.values()
+        elif isinstance(law, Sequence) and not isinstance(law, str):
+            texts += law
+        else:
+            texts.append(law)
+    if any(callable(one) or isinstance(one, PythonLaw) for one in texts):
+        return tuple(names)
+    words = set(re.findall(r"[A-Za-z_]\w*", " ".join(one for one in texts if isinstance(one, str))))
+    return tuple(name for name in names if name in words)
 
 
 def parameter_values(parameters: object, taken: Sequence[str]) -> dict[str, float]:

@@ -18,7 +18,7 @@ from viscovib.errors import InputError
 from viscovib.kernels.relaxation import Kernel
 from viscovib.systems.characteristic import CharacteristicRoots, characteristic_roots
 from viscovib.systems.condensed import Condensation, LoadedStructure
-from viscovib.systems.laws import parameter_values
+from viscovib.systems.laws import named_in, parameter_values
 from viscovib.systems.load import LoadLike, load_series, name_places
 from viscovib.systems.mount import check_dynamic_frequencies, warn_of_creep
 from viscovib.systems.python_law import python_laws
@@ -165,6 +165,11 @@ class PolynomialSystem:
         else:
             self._check_large()
         warn_of_creep([kernel.integral for kernel in self._active_kernels])
+
+    @property
+    def _named_parameters(self) -> tuple[str, ...]:
+        """Those of its parameters that stand in its forces."""
+        return named_in(self.parameters or (), self.forces, *(one.forces for one in self.springs))
 
     def _with_parameter(self, name: str, value: float) -> PolynomialSystem:
         """Return the system with another value of one of its parameters."""

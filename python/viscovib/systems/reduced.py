@@ -77,7 +77,7 @@ class ReducedRest:
         inside = np.interp(omega, reduction.at, reduction.error)
         return np.where(omega <= self.top * (1 + 1e-9), inside, 1.0)
 
-    def check_loads(self, loads: ComplexArray) -> None:
+    def check_loads(self, loads: ComplexArray, names: Sequence[str]) -> None:
         """Refuse loads whose static correction the reduction lacks."""
         parts = np.concatenate([loads.real, loads.imag], axis=1)
         left = parts - self.loads @ (self.loads.T @ parts)
@@ -85,7 +85,7 @@ class ReducedRest:
         if foreign.any():
             i = int(np.flatnonzero(foreign.any(axis=1))[0])
             raise InputError(
-                f"load: acts on coordinate {i} in a direction that the reduction was not made "
+                f"load: acts on {names[i]!r} in a direction that the reduction was not made "
                 "for, must be among the loads of reduce(..., loads=[...])"
             )
 

@@ -314,6 +314,8 @@ def check_mass(mass: Any) -> None:
         raise InputError(f"mass[{i}, {i}] = {diagonal[i]:g}: must not be negative")
     if not is_symmetric(mass):
         raise InputError("mass: must be symmetric")
+    if not diagonal.any():
+        raise InputError("mass: must not be 0 everywhere")
     massless = np.flatnonzero(diagonal == 0)
     filled = np.diff(mass.indptr)[massless] > 0
     if filled.any():

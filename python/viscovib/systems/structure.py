@@ -449,7 +449,7 @@ class Structure:
         if self._base_direction is not None:
             inertia = self._inertia
         if self._reduced is not None:
-            self._reduced.check_loads(np.column_stack([series[:-1], inertia]))
+            self._reduced.check_loads(np.column_stack([series[:-1], inertia]), self.dof_names)
         return LoadedStructure.of(self._condensation, orders, series, inertia, self._base_direction)
 
     @cached_property

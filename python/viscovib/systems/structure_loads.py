@@ -37,7 +37,7 @@ def check_forces(structure: Condensed, loaded: LoadedStructure, patterns: FloatA
     """Refuse forces to which the rest has no answer in time."""
     reduced = getattr(structure, "_reduced", None)
     if reduced is not None:
-        reduced.check_loads(patterns.astype(complex))
+        reduced.check_loads(patterns.astype(complex), structure.dof_names)
     rest, laws = loaded.condensation.rest, loaded.condensation.laws
     if rest.flexibility is None:
         return

@@ -73,6 +73,10 @@ def check_mass(mass: Any) -> None:
 
         check_sparse_mass(mass)
         return
+    diagonal = mass.diagonal()
+    if (diagonal < 0).any():
+        i = int(np.argmin(diagonal))
+        raise InputError(f"mass[{i}, {i}] = {diagonal[i]:g}: must not be negative")
     asymmetry = np.abs(mass - mass.T).max()
     massive = mass.any(axis=1)
     if not massive.any():

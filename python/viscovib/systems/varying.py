@@ -53,7 +53,7 @@ def varied(system: Oscillator, name: object, start: float, finish: float) -> Var
             replace(system, **changes)
         return _entries(key, system._flat, {_ENTRIES[key] - 1: 1.0})
     assert isinstance(system, PolynomialSystem)
-    if isinstance(name, str) and name in (system.parameters or ()):
+    if isinstance(name, str) and name in system._named_parameters:
         return _of_parameter(system, name, start, finish)
     found = _of_polynomial(system, name)
     for value in (finish, start):
@@ -120,8 +120,8 @@ def _of_polynomial(system: PolynomialSystem, name: object) -> Varied:
             f"damping or stiffness, or a coefficient such as {force}; with 'springs[0].' before "
             "it, of those springs"
             + (
-                f"; or a parameter of its forces, {', '.join(system.parameters)}"
-                if system.parameters
+                f"; or a parameter of its forces, {', '.join(system._named_parameters)}"
+                if system._named_parameters
                 else ""
             )
         )

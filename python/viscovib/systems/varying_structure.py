@@ -10,11 +10,21 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from viscovib import _native
+from viscovib.common.counts import things
 from viscovib.errors import InputError
 from viscovib.systems.contacts import Contact
 from viscovib.systems.elements import Coupling, ElementTerms, Spring, _law_terms
 from viscovib.systems.friction import Hysteresis
-from viscovib.systems.laws import _ARGUMENT, _MULTIPLY, _NUMBER, _ODD, Law, called_law, compile_law
+from viscovib.systems.laws import (
+    _ARGUMENT,
+    _MULTIPLY,
+    _NUMBER,
+    _ODD,
+    Law,
+    called_law,
+    compile_law,
+    named_in,
+)
 from viscovib.systems.load import LoadLike
 from viscovib.systems.structure import Structure
 from viscovib.systems.varying import Varied, affine
@@ -84,10 +94,12 @@ def _element(structure: Structure, name: object) -> tuple[int, str]:
         )
     place, key = int(form[1]), form[2]
     if place >= len(structure.elements):
-        raise InputError(f"vary = {name!r}: the structure has {len(structure.elements)} elements")
+        raise InputError(f"vary = {name!r}: the structure has "
+                         f"{things(len(structure.elements), 'element')}")  # fmt: skip
     element = structure.elements[place]
     if isinstance(element, Spring):
-        allowed: tuple[str, ...] = ("stiffness", *(element.parameters or ()))
+        own = named_in(element.parameters or (), element.law)
+        allowed: tuple[str, ...] = ("stiffness", *own)
     else:
         allowed = _numbers_of(element)
     if not allowed:
