@@ -175,6 +175,8 @@ def _kind(array: npt.NDArray[Any]) -> str:
 
 
 def _checked(name: str, array: npt.NDArray[Any], ndim: int | None) -> npt.NDArray[Any]:
+    if ndim == 0 and array.ndim != 0:
+        raise InputError(f"{name}: must be one number, got shape {array.shape}")
     if ndim is not None and array.ndim != ndim:
         raise InputError(f"{name}: must have {ndim} dimension(s), got shape {array.shape}")
     if not all_finite(array):

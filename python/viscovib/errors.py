@@ -39,7 +39,7 @@ class ConvergenceWarning(UserWarning):
 
 
 class StabilityWarning(UserWarning):
-    """The system creeps away from rest, though its forced response exists."""
+    """Stability is unknown, a system creeps away from rest, or a body's units look wrong."""
 
 
 class SweepError(ViscovibError):

@@ -157,6 +157,18 @@ def test_three_magnets():
     assert same.mean() > 0.9
 
 
+def test_a_pendulum_without_a_load_comes_to_rest():
+    """From starts that do not swing over, in the length of time that is given."""
+    swing = vv.Pendulum(e=0.1, w2=0.4, w3=0.8, c1=0.1, c2=0.1, c3=0.1)
+    found = vv.basins(swing, {"phi": [-0.5, 0.5], "psi": [0.2, 0.4]}, t_end=600)
+    assert found.complete
+    np.testing.assert_allclose(found.attractors[0], 0, atol=1e-9)
+    early = vv.basins(swing, {"phi": [0.1, 0.5], "psi": [0.2, 0.4]}, t_end=5)
+    assert repr(early).endswith("psi 0.2 to 0.4>")
+    with pytest.raises(vv.InputError, match="t_end: must be given without a load"):
+        vv.basins(swing, {"phi": [0.1], "psi": [0.2]})
+
+
 def test_bad_calls():
     """One line each."""
     wells = vv.PolynomialSystem(mass=1, stiffness=-1, damping=0.3, forces="x^3")

@@ -110,7 +110,8 @@ class Basins(Result):
             f"period {a.shape[0]}: {100 * share:.3g} %"
             for a, share in zip(self.attractors, self.share, strict=True)
         )
-        return [f"{self.names[0]} {span(self.x)}; {self.names[1]} {span(self.y)}; {periods}"]
+        parts = [f"{self.names[0]} {span(self.x)}", f"{self.names[1]} {span(self.y)}", periods]
+        return ["; ".join(part for part in parts if part)]
 
     def to_dataset(self) -> xr.Dataset:
         """Labels over both starts."""
@@ -153,7 +154,7 @@ def basins(
     n_periods : int
         Length of the runs in periods of the load, more than twice ``max_period``.
     t_end : float
-        The same in time, of a system without a load.
+        The same in time, of a system without a load, as a pendulum is without f0, m01 and m02.
     load, nu
         Of a polynomial system: as for `simulate`.
     others : array_like, shape (2 n_dof,), optional
@@ -198,7 +199,10 @@ def basins(
     if not 0 < near < 1:
         raise InputError(f"tolerance = {near:g}: must be between 0 and 1")
     most = _native.integer("max_period", max_period, 1, 1000)
-    loaded = isinstance(system, Pendulum) or load is not None
+    loaded = load is not None
+    if isinstance(system, Pendulum):
+        # Without a load it settles, too; one that goes through 0 keeps its periods.
+        loaded = n_periods is not None or any((system.f0, system.m01, system.m02))
     call: dict[str, Any] = {"n_threads": n_threads, "progress": progress}
     if not isinstance(system, Pendulum):
         call |= {"load": load, "nu": nu}
