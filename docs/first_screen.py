@@ -24,8 +24,8 @@ def main() -> None:
         branch = vv.trace_response(machine, (2, 5), load=load)
         stable = np.array(branch.stable) == 1
         amplitude = branch.amplitude("x")
-        for wanted, style in ((stable, "-"), (~stable, ":")):
-            near = wanted | np.roll(wanted, 1) | np.roll(wanted, -1) if style == ":" else wanted
+        for wanted, style in ((stable, "-"), (~stable, "--")):
+            near = wanted | np.roll(wanted, 1) | np.roll(wanted, -1) if style == "--" else wanted
             ax.plot(
                 branch.nu,
                 np.where(near, amplitude, np.nan),

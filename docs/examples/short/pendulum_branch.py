@@ -16,6 +16,6 @@ phi = branch.amplitude("phi")
 
 fig, ax = plt.subplots()
 ax.plot(branch.parameter, np.where(stable, phi, np.nan), "-", label="stable")
-ax.plot(branch.parameter, np.where(stable, np.nan, phi), ":", label="unstable")
+ax.plot(branch.parameter, np.where(stable, np.nan, phi), "--", label="unstable")
 ax.set(xlabel="frequency of the moment", ylabel="amplitude of phi (rad)")
 ax.legend()
