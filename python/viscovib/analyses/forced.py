@@ -104,9 +104,9 @@ def forced_response(
         Of a pendulum: base frequencies, all loads keeping their ratios to it.
     load : complex, array_like or mapping
         Of an oscillator: force on the first coordinate (x, N): P sin(nu t); or a vector over the
-        coordinates (of a mount: force on x, moment on phi); or a Fourier series {order: either},
-        f(t) = Im sum_k P_k exp(i k nu t), whose mean is the imaginary part of P_0.
-        `fourier_coefficients` makes one from samples.
+        coordinates (of a mount: force on x, moment on phi); or forces by the names of coordinates,
+        {"x3": P}; or a Fourier series {order: any of these}, f(t) = Im sum_k P_k exp(i k nu t),
+        whose mean is the imaginary part of P_0. `fourier_coefficients` makes one from samples.
     base : complex or mapping
         Of an oscillator: displacement of the supports (of a mount: in x, m), likewise, along the
         ``base_direction`` of the system. Of a `PolynomialSystem` or a `Body` also a vector over its

@@ -89,8 +89,9 @@ def simulate(
         than ``tolerance``. So many states are kept then (up to 100 000, and unless all of the past
         is kept) that no peak between them is higher by more than 1/500 of the largest displacement.
     initial : array_like, shape (2 n_dof,)
-        State at t = 0, (z, z', phi, phi', psi, psi') or (x, x', phi, phi'). Others without one
-        starts at rest, or where it was ``held``.
+        State at t = 0, each coordinate with its velocity: (x, x_dot, y, y_dot, ...), of a
+        pendulum (z, z', phi, phi', psi, psi'). None: at rest, or where it was ``held``; a pendulum
+        needs one.
     resume : Trajectory
         Continue this run instead, with its system, step, method and past. Without a load it is
         as if the run had never stopped, bit for bit where all steps are equal (not under tables).
@@ -107,13 +108,13 @@ def simulate(
         Of a mount: "gauss2", "gauss3", "gauss4", "gauss6" or "gauss8", the accelerations being
         collocated and what is remembered a polynomial through the nodes and both ends; "auto"
         is "gauss8".
+        A polynomial system without memory, of at most 6 coordinates and under nothing but a
+        ``force`` and a ``load`` of orders up to 399, has both; else those of a mount, as a
+        structure has.
     tolerance : float
         Wanted absolute error of the kept states, 1e-13 to 1. With ``dt="auto"`` (default 1e-10)
         the step is found by it. With ``dt`` given it only says how far the equations of a
         step are solved, and how well kernels are represented (default: to rounding).
-        A polynomial system without memory, of at most 6 coordinates and under nothing but a
-        ``force`` and a ``load`` of orders up to 399, has the methods of a pendulum; else those of
-        a mount.
     rtol, atol : float
         With ``dt="auto"``, instead of ``tolerance``: each coordinate and velocity is wanted within
         atol + rtol times its largest value of the run (rtol 1e-13 to 1; atol 0 if not given).
