@@ -72,3 +72,24 @@ def test_weak_dampers_beside_a_strong_one(strong, turn):
         dynamic = np.diag([1.0, 2]) + 1.1j * damping[:2, :2] - 1.21 * np.eye(2)
         found = [r.amplitude(name)[0] for name in ("x1", "x2")]
         assert found == pytest.approx(np.abs(np.linalg.solve(dynamic, [1, 0])), rel=1e-12)
+
+
+def test_soft_natural_frequencies_beside_a_stiff_spring():
+    rng = np.random.default_rng(2)
+    for _ in range(20):
+        n = int(rng.integers(2, 6))
+        mass, soft, stiff = rng.uniform(0.5, 2, n), rng.normal(size=(n, n)), rng.normal(size=n)
+        if rng.random() < 0.5:
+            stiff = np.eye(n)[0]
+        stiffness = soft @ soft.T + 0.1 * np.eye(n)
+        stiffness += 10 ** rng.uniform(2, 9) * np.outer(stiff, stiff)
+        system = vv.PolynomialSystem(mass=mass, stiffness=stiffness)
+        with mpmath.workdps(40):
+            root = [1 / mpmath.sqrt(m) for m in mass]
+            a = mpmath.matrix(n, n)
+            for i in range(n):
+                for j in range(n):
+                    a[i, j] = mpmath.mpf(stiffness[i, j]) * root[i] * root[j]
+            right = [float(mpmath.sqrt(x)) for x in mpmath.eigsy(a, eigvals_only=True)]
+        # A spring of 1e9 times the others left 1e-7 of the softest mode.
+        assert system.natural_frequencies() == pytest.approx(right, rel=2e-11)

@@ -22,6 +22,7 @@ from viscovib.systems.laws import named_in, parameter_values
 from viscovib.systems.load import LoadLike, load_series, name_places
 from viscovib.systems.mount import check_dynamic_frequencies, warn_of_creep
 from viscovib.systems.python_law import python_laws
+from viscovib.systems.refined_modes import refined_modes
 from viscovib.systems.spring_groups import (
     Forces,
     SpringGroup,
@@ -341,7 +342,8 @@ class PolynomialSystem:
 
         stiffness = self._stiffness_at_rest
         if np.allclose(stiffness, stiffness.T, rtol=1e-12, atol=0):
-            squares, shapes = eigh(stiffness, self._mass_matrix)
+            mass = self._mass_matrix
+            squares, shapes = refined_modes(*eigh(stiffness, mass), mass, stiffness)
         else:
             squares, shapes = eig(stiffness, self._mass_matrix)
             if np.abs(squares.imag).max() > 1e-9 * np.abs(squares).max():

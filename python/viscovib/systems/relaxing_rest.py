@@ -20,6 +20,7 @@ import numpy as np
 
 from viscovib._native import ComplexArray, FloatArray
 from viscovib.errors import InputError
+from viscovib.systems.refined_modes import refined_modes
 from viscovib.systems.structure_rest import ModalDamping, Remembered, Rest, dense_rest
 
 #: States of which all modes are computed.
@@ -152,7 +153,7 @@ def _modal_matrix(mass: FloatArray, stiffness: FloatArray, modal: ModalDamping) 
             stiffness[np.ix_(idle, idle)], stiffness[np.ix_(idle, kept)]
         )
     m = mass[np.ix_(kept, kept)]
-    squares, shapes = eigh(inner, m)
+    squares, shapes = refined_modes(*eigh(inner, m), m, inner)
     pushed = m @ shapes
     ratios = ModalDamping(modal.ratio).rates(squares)
     total[np.ix_(kept, kept)] += (pushed * ratios) @ pushed.T

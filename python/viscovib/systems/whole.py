@@ -12,6 +12,7 @@ from viscovib.systems.element_laws import Monomials, add_force
 from viscovib.systems.elements import coupling_terms
 from viscovib.systems.laws import Law
 from viscovib.systems.polynomial_system import PolynomialSystem
+from viscovib.systems.refined_modes import refined_modes
 from viscovib.systems.structure import Structure
 from viscovib.systems.structure_matrices import dense_of, with_elements
 
@@ -53,7 +54,7 @@ def whole_system(structure: Structure) -> PolynomialSystem:
                 "loss_factor: has no meaning in time, must be 0 for a motion in time (take a "
                 "kernel, or modal_damping)"
             )
-        squares, shapes = eigh(stiffness, mass)
+        squares, shapes = refined_modes(*eigh(stiffness, mass), mass, stiffness)
         pushed = mass @ shapes
         damping = damping + (pushed * modal.rates(squares)) @ pushed.T
     forces: Monomials = {}
