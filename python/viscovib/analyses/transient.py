@@ -140,8 +140,8 @@ def simulate(
     save_every : int
         Keep every so many-th step.
     keep : {"all", "tail", "last"}
-        "tail": what lies in the last ``tail`` units of time; "last": only the last state. Nothing
-        else is stored.
+        "tail": what lies in the last ``tail`` units of time, and the state before unless one lies
+        there; "last": only the last state. Nothing else is stored.
     tail : float
         Length of the part that ``keep="tail"`` keeps.
     coordinates : sequence of str, optional

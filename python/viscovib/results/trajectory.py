@@ -136,7 +136,9 @@ class Trajectory(Result):
         """States at any times of the run, shape (2 n_dof,) or (n, 2 n_dof).
 
         Without memory by a step of the method from the step before each time, so that states have
-        the order of the method; with memory by the polynomial of the step (degree: nodes + 1). The
+        the order of the method; with memory by the polynomial of the step (degree: nodes + 1), and
+        of a `Structure` by that of its elements' forces (degree: nodes - 1). By methods of few
+        nodes these are less exact than the states at ends of steps, of which ``error`` is. The
         steps are made once more: without memory from the last state kept before the first of the
         times, else from the start of the run.
 
