@@ -181,6 +181,9 @@ def test_nonlinear_response_branches_and_forces():
     np.testing.assert_allclose(end[:6], at(period / 3), atol=1e-7)
     told = body.mount_forces(found, base=FLOOR)
     np.testing.assert_allclose(told.deflection[0].reshape(9, -1), d, atol=1e-15)
+    assert (body.mount_forces(found).force == told.force).all()
+    with pytest.raises(vv.InputError, match="must be the motion of the floor"):
+        body.mount_forces(found, base=2 * FLOOR)
 
     nus = (30.0, 50.0)
     given = {"base": FLOOR, "harmonics": 13, "tolerance": 1e-6}
@@ -195,6 +198,11 @@ def test_nonlinear_response_branches_and_forces():
     np.testing.assert_allclose(at, branch.coefficients[3], atol=1e-9)
     up = vv.trace_response(body, load_range=(0.1, 1.0), nu=nu, stability=False, **given)
     np.testing.assert_allclose(up.coefficients[-1], x[:, : up.harmonics.size], atol=1e-8)
+    # The floor goes along with the factor.
+    scaled = up.load_factor[:, np.newaxis] * (ROWS @ FLOOR)
+    fundamental = up.coefficients[..., up.harmonics == 1] @ np.ones(1)
+    deflected = body.mount_forces(up).deflection[..., up.harmonics == 1].reshape(-1, 9)
+    np.testing.assert_allclose(deflected, fundamental @ ROWS.T - scaled, atol=1e-12)
 
 
 def test_slopes_of_a_branch_with_weight_and_rotor():

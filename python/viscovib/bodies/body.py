@@ -346,36 +346,42 @@ class Body(LinearBody):
         result : Response or Branch
             Of this body.
         base : complex or mapping, optional
-            Motion of the floor as given to `forced_response`; to be given if the body has a
-            ``base_direction`` (0 where the floor was at rest).
+            The motion of the floor is that of the result; given, it must be the same.
 
         Returns
         -------
         MountForces
             Without what the mounts carry at rest.
         """
-        relative = self._coefficients(result)
+        found = self._coefficients(result)
         varies = getattr(result, "varies", "nu")
         if varies not in ("nu", "load_factor"):
             raise InputError(
                 f"result: {varies} varies along it, and forces are those of this body: must be "
                 "over nu or load_factor, or make the body with the value of a point"
             )
-        if self.base_direction is not None and base is None:
-            raise InputError(
-                "base: the floor of this body may move, give the motion that the result was "
-                "computed for (0: none)"
-            )
+        if base is not None:
+            self._check_floor_of(result, base)
+        factors = getattr(result, "load_factor", np.ones(result.nu.size))
+        relative = result._parts.relative(np.asarray(result.harmonics), found, factors)
+        return mount_forces(self.mounts, self._mount_springs, result, relative, turns=self._turns)
+
+    def _check_floor_of(self, result: Any, base: LoadLike) -> None:
         check_oscillator(self, base)
-        shifts = base_shifts(*oscillator_series(self, None, base), self._base_direction)
-        if shifts and getattr(result, "varies", "nu") == "load_factor":
-            raise InputError("result: the motion of the floor must not vary along it")
-        floor = np.zeros(relative.shape[1:], dtype=complex)
-        for order, moved in shifts:
-            floor[:, np.asarray(result.harmonics) == order] += moved[:, np.newaxis]
-        return mount_forces(
-            self.mounts, self._mount_springs, result, relative - floor, turns=self._turns
-        )
+        parts, highest = result._parts, int(np.max(result.harmonics))
+        floors = []
+        for orders, series in (oscillator_series(self, None, base), (parts.orders, parts.series)):
+            moves = np.zeros((highest + 1, len(self.dof_names)), dtype=complex)
+            for order, moved in base_shifts(orders, series, self._base_direction):
+                if order <= highest:
+                    moves[order] += moved
+            floors.append(moves)
+        given, own = floors
+        if not np.allclose(given, own, rtol=1e-9, atol=1e-12 * np.abs(own).max()):
+            raise InputError(
+                f"base = {_native.shown(base)}: must be the motion of the floor that the result "
+                "was computed for, or left out"
+            )
 
     def _coefficients(self, result: Any) -> ComplexArray:
         found = getattr(result, "coefficients", None)
