@@ -200,3 +200,36 @@ def test_roots_beside_tables_that_end_are_zeros():
                 modes = np.linalg.eigvalsh(chain)
                 off = min(abs(of_mode - k) / k for k in modes)
                 assert off < 1e-6, (seed, s, float(off))
+
+
+def test_rates_in_laws_with_a_kernel_damp_and_drive():
+    """(1 - R*) [K u + C u'] is linear too: roots by eigenvalues, stiffness by Newton's method."""
+    rng = np.random.default_rng(3)
+    for _ in range(8):
+        n = int(rng.integers(1, 4))
+        names = ["x"] if n == 1 else [f"x{i + 1}" for i in range(n)]
+        squares, c = rng.uniform(0.5, 4, n), rng.uniform(-0.1, 0.5, n)
+        weight, rate = rng.uniform(0.05, 0.6), rng.uniform(0.7, 3)
+        system = vv.PolynomialSystem(
+            mass=np.ones(n), stiffness=squares, damping=0.02 * np.ones(n), names=names,
+            forces={x: f"{a}*tanh(3*{x}_dot)/3" for x, a in zip(names, c, strict=True)},
+            kernel=vv.PronyKernel(weights=[weight], rates=[rate]),
+        )  # fmt: skip
+        none, one, k, dampers = np.zeros((n, n)), np.eye(n), np.diag(squares), np.diag(c)
+        # u'' = -0.02 u' - F + w m, m' = F - rate m with F = K u + C u'.
+        rows = [none, one, none], [-k, -0.02 * one - dampers, weight * one]
+        values = np.linalg.eigvals(np.block([*rows, [k, dampers, -rate * one]]))
+        up = values[values.imag > 1e-6]
+        roots = system.characteristic_roots()
+        assert roots.oscillatory == pytest.approx(up[np.argsort(up.imag)], rel=1e-9)
+        assert roots.n_unstable == (values.real > 0).sum()
+        nu, push = rng.uniform(0.4, 2), 1e-7 * rng.uniform(0.5, 1, n)
+        small = vv.forced_response(system, [nu], load=push, method="newton")
+        found = np.linalg.solve(system.dynamic_stiffness(nu), push)
+        assert small.coefficients[0, :, 0] == pytest.approx(found, rel=1e-8)
+        with pytest.warns(vv.RangeWarning, match="leaves out what is linear in rates"):
+            vv.forced_response(system, [nu], load=push, method="linear")
+    spring = vv.Spring(on=[1.0], stiffness=0.5, law="0.3*tanh(v)", kernel=system.kernel)
+    structure = vv.Structure(mass=[1.0], stiffness=[1.0], elements=[spring])
+    with pytest.warns(vv.RangeWarning, match="leaves out what is linear in rates"):
+        structure.characteristic_roots()

@@ -78,10 +78,17 @@ SpringsLike = Sequence[tuple[FloatArray, Kernel | None]]
 
 
 def characteristic_roots(
-    mass: FloatArray, damping: FloatArray, springs: SpringsLike, memory_scale: float = 1.0
+    mass: FloatArray,
+    damping: FloatArray,
+    springs: SpringsLike,
+    memory_scale: float = 1.0,
+    dampers: Sequence[FloatArray | None] = (),
 ) -> CharacteristicRoots:
-    """Roots of det[s^2 M + s C + sum_j K_j (1 - R_j(s))] = 0, R_j(s) the kernels' transforms."""
-    system = _System(mass, damping, springs, memory_scale)
+    """Roots of det[s^2 M + s C + sum_j (K_j + s C_j) (1 - R_j(s))] = 0.
+
+    R_j(s) are the kernels' transforms, C_j the ``dampers`` of the springs, None: none.
+    """
+    system = _System(mass, damping, springs, memory_scale, dampers)
     # Where a transform grows beyond the range of numbers nothing is found.
     with np.errstate(over="ignore", invalid="ignore"):
         oscillatory = system.oscillatory()
@@ -95,9 +102,17 @@ class _System:
     """The characteristic matrix D(s)."""
 
     def __init__(
-        self, mass: FloatArray, damping: FloatArray, springs: SpringsLike, memory_scale: float
+        self,
+        mass: FloatArray,
+        damping: FloatArray,
+        springs: SpringsLike,
+        memory_scale: float,
+        dampers: Sequence[FloatArray | None],
     ) -> None:
         self.mass, self.damping = mass, damping
+        self.dampers: Sequence[FloatArray | None] = dampers or [None] * len(springs)
+        # Without memory these damp as others do.
+        self.all_damping = damping + sum(c for c in self.dampers if c is not None)
         self.springs, self.memory_scale = springs, memory_scale
         self.stiffness = np.sum([spring for spring, _ in springs], axis=0)
         self.scale = 1 / np.sqrt(np.diag(self.mass))
@@ -106,7 +121,7 @@ class _System:
         present = np.sqrt(np.abs(squares))
         present = present[present > 1e-7 * present.max()]
         self.slowest = float(present.min()) if present.size else 1.0
-        rates = np.abs(np.linalg.eigvals(np.linalg.solve(self.mass, self.damping)))
+        rates = np.abs(np.linalg.eigvals(np.linalg.solve(self.mass, self.all_damping)))
         self.fastest = float(max(present.max(initial=0.0), rates.max())) or 1.0
 
     @property
@@ -117,12 +132,12 @@ class _System:
         """D(s), shape s.shape + (n, n)."""
         at = np.asarray(s)[..., np.newaxis, np.newaxis]
         total: npt.NDArray[Any] = at**2 * self.mass + at * self.damping
-        for spring, kernel in self.springs:
+        for (spring, kernel), damper in zip(self.springs, self.dampers, strict=True):
             kept: Any = 1.0
             if kernel is not None:
                 scale = memory * self.memory_scale
                 kept = 1.0 - scale * np.asarray(kernel.laplace(s))[..., np.newaxis, np.newaxis]
-            total = total + kept * spring
+            total = total + kept * (spring if damper is None else spring + at * damper)
         return total
 
     def _determinant(self, s: Any, memory: complex, size: Any) -> Any:
@@ -141,7 +156,9 @@ class _System:
         """Eigenvalues of the damped linear system, those on an axis put there."""
         zero, one = np.zeros_like(self.mass), np.eye(self.n)
         inverse = np.linalg.inv(self.mass)
-        companion = np.block([[zero, one], [-inverse @ self.stiffness, -inverse @ self.damping]])
+        companion = np.block(
+            [[zero, one], [-inverse @ self.stiffness, -inverse @ self.all_damping]]
+        )
         roots = np.linalg.eigvals(companion).astype(complex)
         roots[np.abs(roots) < 1e-7 * self.fastest] = 0.0
         roots.real[np.abs(roots.real) < 1e-13 * np.abs(roots)] = 0.0
@@ -254,7 +271,7 @@ class _System:
         left = -cut * (1 - np.geomspace(1e-10, 1, 600, endpoint=False)) if cut > 0 else right[:0]
         grid = np.unique(np.concatenate([left, right]))
         scale = np.outer(self.scale, self.scale)
-        symmetric = all(np.array_equal(m, m.T) for m in (self.damping, self.stiffness))
+        symmetric = all(np.array_equal(m, m.T) for m in (self.all_damping, self.stiffness))
 
         def eigenvalue(s: float | FloatArray, j: int | slice) -> Any:
             m = np.real(self.matrix(s)) * scale

@@ -265,13 +265,20 @@ class PolynomialSystem:
         return self._modes[1].copy()
 
     def characteristic_roots(self) -> CharacteristicRoots:
-        """Roots of det[s^2 M + s C + sum_g K_g (1 - R_g(s))] = 0: decay and pitch about rest."""
-        return characteristic_roots(self._mass_matrix, self._damping, self._springs)
+        """Roots of det[s^2 M + s C + sum_g (K_g + s C_g) (1 - R_g(s))] = 0 about rest.
+
+        Decay and pitch; C_g is what is linear in rates in the laws of a group with a kernel.
+        """
+        dampers = [group.law_dampers for group in self.groups]
+        return characteristic_roots(
+            self._mass_matrix, self._damping, self._springs, dampers=dampers
+        )
 
     def dynamic_stiffness(self, nu: npt.ArrayLike) -> ComplexArray:
         """D(nu), shape nu.shape + (n, n), for u = Im(X exp(i nu t)).
 
-        sum_g K_g (1 - R_g(nu)) + i nu C - nu^2 M.
+        sum_g (K_g + i nu C_g) (1 - R_g(nu)) + i nu C - nu^2 M; C_g is what is linear in rates in
+        the laws of a group with a kernel.
         """
         frequencies = check_dynamic_frequencies(nu, self._active_kernels)
         at = frequencies[..., np.newaxis, np.newaxis]
@@ -282,7 +289,10 @@ class PolynomialSystem:
             if group.kernel is not None:
                 kept = 1 - np.asarray(group.kernel.transform(frequencies))
                 kept = kept[..., np.newaxis, np.newaxis]
-            total = total + kept * group.stiffness
+            linear: Any = group.stiffness
+            if group.law_dampers is not None:
+                linear = linear + 1j * at * group.law_dampers
+            total = total + kept * linear
         found = np.asarray(total, dtype=complex)
         _native.check_range("nu", frequencies, found, "the dynamic stiffness")
         return found

@@ -85,6 +85,8 @@ class SpringGroup(NamedTuple):
     law_damping: FloatArray | None = None
     #: The laws with their linear parts.
     whole: tuple[tuple[int, Law], ...] = ()
+    #: Behind a kernel, their slopes by rates at rest; None: nothing.
+    law_dampers: FloatArray | None = None
 
     def with_slopes_of(self, other: SpringGroup) -> SpringGroup:
         """Return the same springs, of whose laws another stiffness and damping stands apart."""
@@ -137,12 +139,14 @@ def spring_group(
     stiffness = square_matrix(f"{prefix}stiffness", springs.stiffness, len(names)).copy()
     forces: dict[tuple[int, tuple[int, ...]], float] = {}
     laws, whole = [], []
-    slopes, damping = np.zeros_like(stiffness), np.zeros_like(stiffness)
+    slopes, damping, dampers = (np.zeros_like(stiffness) for _ in range(3))
     for where, on, polynomial in _by_equation(f"{prefix}forces", springs.forces, names, parameters):
         if isinstance(polynomial, Law):
             remembers = springs.kernel is not None
             slopes[on] += polynomial.stiffness_at_rest
             damping[on] += polynomial.damping_at_rest(remembers=remembers)
+            if remembers:
+                dampers[on] += polynomial.damping_at_rest()
             laws.append((on, polynomial.remainder(remembers=remembers)))
             whole.append((on, polynomial))
             continue
@@ -161,10 +165,11 @@ def spring_group(
     group = SpringGroup(stiffness, forces, kernel)
     if not laws:
         return group
-    by_rates = damping if damping.any() else None
+    by_rates, behind = (one if one.any() else None for one in (damping, dampers))
     return group._replace(
-        laws=tuple(laws), law_slopes=slopes, law_damping=by_rates, whole=tuple(whole)
-    )
+        laws=tuple(laws), law_slopes=slopes, law_damping=by_rates, law_dampers=behind,
+        whole=tuple(whole),
+    )  # fmt: skip
 
 
 def _by_equation(

@@ -434,8 +434,10 @@ class Structure:
             Further stiffness matrices beside K that relax as a whole, with any kernel, beside those
             that the structure has.
         """
+        from viscovib.systems.rates_left_out import warn_of_rates_left_out
         from viscovib.systems.sparse_roots import structure_roots
 
+        warn_of_rates_left_out("characteristic_roots of a structure", self)
         return structure_roots(self, count, layers)
 
     @property
