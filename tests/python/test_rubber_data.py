@@ -107,6 +107,26 @@ def test_bad_tables_are_told_with_their_place(tmp_path, text, told):
         vv.read_dma(table(tmp_path, text))
 
 
+@pytest.mark.parametrize("unit", ["{}", "[{}]", "({})", " [ {} ] "])
+def test_milli_is_not_mega(tmp_path, unit):
+    """However a unit is written, in its own line or behind the name."""
+    wanted = {"mHz": 2e-3 * np.pi, "MHz": 2e6 * np.pi}
+    for name, size in wanted.items():
+        of = unit.format(name)
+        texts = [f"f,E',E''\n{of},MPa,MPa\n1,2,3\n"]
+        if of != name:
+            texts.append(f"f {of},E' (MPa),E'' (MPa)\n1,2,3\n")
+        for text in texts:
+            data = vv.read_dma(table(tmp_path, text))
+            np.testing.assert_allclose(data.frequencies, size, rtol=1e-14)
+    for text, told in (
+        (f"f,E',E''\n{unit.format('mhz')},Pa,Pa\n1,2,3\n", "not known, must be .* mHz, MHz, rad/s"),
+        (f"f,E',E''\nHz,{unit.format('mPa')},Pa\n1,2,3\n", "is millipascal; write MPa"),
+    ):
+        with pytest.raises(vv.InputError, match=told):
+            vv.read_dma(table(tmp_path, text))
+
+
 def test_bad_arrays_are_told():
     good = {"frequencies": [1.0, 2.0], "storage": [2.0, 3.0], "loss": [1.0, 1.0]}
     for change, told in (

@@ -8,7 +8,7 @@ a decimal point or, unless commas separate columns, a decimal comma.
 import math
 import os
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -22,18 +22,21 @@ from viscovib.errors import FileError, InputError
 _SPREADSHEETS = (".xlsx", ".xls", ".xlsm", ".ods")
 #: Larger files are refused before they are read (bytes).
 _LARGEST = 256 * 2**20
-#: Factors to the units of the library, by the spelling that `_unit` makes of a unit.
+#: Factors to the units of the library, by the spelling that `_unit` makes of a unit: capitals
+#: only where the same letters mean milli and mega.
 _PRESSURE = {"pa": 1.0, "kpa": 1e3, "mpa": 1e6, "gpa": 1e9, "n/mm2": 1e6, "n/m2": 1.0}
 UNITS: dict[str, Mapping[str, float]] = {
     "frequency": {
-        "hz": 2 * math.pi, "1/s": 2 * math.pi, "khz": 2e3 * math.pi, "mhz": 2e6 * math.pi,
+        "hz": 2 * math.pi, "1/s": 2 * math.pi, "khz": 2e3 * math.pi,
+        "mHz": 2e-3 * math.pi, "MHz": 2e6 * math.pi,
         "rad/s": 1.0, "1/min": 2 * math.pi / 60, "rpm": 2 * math.pi / 60,
     },
     "time": {"s": 1.0, "sec": 1.0, "ms": 1e-3, "min": 60.0, "h": 3600.0},
     "modulus": _PRESSURE,
     "compliance": {f"1/{name}": 1 / size for name, size in _PRESSURE.items() if "/" not in name},
     "stiffness": {
-        "n/m": 1.0, "n/mm": 1e3, "kn/m": 1e3, "kn/mm": 1e6, "mn/m": 1e6, "nm/rad": 1.0,
+        "n/m": 1.0, "n/mm": 1e3, "kn/m": 1e3, "kn/mm": 1e6, "mN/m": 1e-3, "MN/m": 1e6,
+        "nm/rad": 1.0,
     },
     "ratio": {"-": 1.0, "1": 1.0, "%": 0.01, "": 1.0},
     "angle": {"rad": 1.0, "deg": math.pi / 180, "grad": math.pi / 180},
@@ -150,9 +153,8 @@ def _places(
             continue
         found = [i for i, one in enumerate(plain) if one in column.names]
         if len(found) > 1 or "t" in column.names:
-            fits = [
-                i for i in found if _unit(units[i] or _unit_within(names[i])) in UNITS[column.kind]
-            ]
+            known = UNITS[column.kind]
+            fits = [i for i in found if _unit(units[i] or _unit_within(names[i]), known) in known]
             found = fits if len(found) > 1 else [i for i in found if fits or plain[i] != "t"]
         if len(found) > 1:
             both = " and ".join(repr(names[i].strip()) for i in found)
@@ -235,10 +237,18 @@ def _unit_within(name: str) -> str:
     return "" if found is None else (found[1] or found[2] or "")
 
 
-def _unit(text: str) -> str:
-    unit = text.strip().strip("[]()").strip().lower().replace("²", "2").replace("^", "")
+def _spelled(text: str) -> str:
+    """A unit without brackets, blanks and signs that writers vary; m and M stay apart."""
+    unit = text.strip().strip("[]()").strip().replace("²", "2").replace("^", "")
     unit = unit.replace("°", "deg").replace("µ", "u").replace("μ", "u").replace("·", "")
-    unit = re.sub(r"\s+", "", unit)
+    return re.sub(r"\s+", "", unit)
+
+
+def _unit(text: str, known: Iterable[str]) -> str:
+    unit = _spelled(text)
+    if unit in known:
+        return unit
+    unit = unit.lower()
     if unit in ("degc", "deg.c", "celsius", "degreesc"):
         return "c"
     unit = re.sub(r"^(k|m|g)?pa-1$", r"1/\1pa", unit)
@@ -248,18 +258,14 @@ def _unit(text: str) -> str:
 
 
 def _in_units(where: str, values: FloatArray, kind: str, text: str) -> FloatArray:
-    unit, known = _unit(text), UNITS[kind]
+    known = UNITS[kind]
+    unit = _unit(text, known)
     if unit not in known:
         allowed = ", ".join(one for one in known if one)
         what = f"unit {_native.shown(text.strip())} is not known" if unit else "has no unit"
         raise InputError(f"{where}: {what}, must be one of {allowed}")
-    # The same letters mean mega and milli.
-    if kind == "frequency" and text.strip().startswith("mH"):
-        return values * 2e-3 * math.pi
-    if kind == "modulus" and text.strip().startswith("mP"):
+    if kind in ("modulus", "compliance") and _spelled(text).removeprefix("1/").startswith("mP"):
         raise InputError(f"{where}: unit {_native.shown(text.strip())} is millipascal; write MPa")
-    if kind == "stiffness" and text.strip().startswith("mN/"):
-        return values * 1e-3
     if kind == "temperature":
         if unit == "k":
             return values - 273.15

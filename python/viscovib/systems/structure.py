@@ -71,7 +71,7 @@ class Structure:
     damping : array_like or scipy.sparse array, optional
         C, as stiffness; it need not be symmetric (gyroscopic forces).
     modal_damping : float or array_like, shape (n,)
-        Damping ratio of every mode, or of each, in the order of their frequencies.
+        Damping ratio of every mode (0.02 is 2 %), or of each, in the order of their frequencies.
     rayleigh : tuple of two float
         Damping a M + b K by its factors a (1/s) and b (s).
     loss_factor : float
