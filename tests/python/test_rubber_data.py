@@ -107,6 +107,15 @@ def test_bad_tables_are_told_with_their_place(tmp_path, text, told):
         vv.read_dma(table(tmp_path, text))
 
 
+def test_a_temperature_without_a_unit_is_told(tmp_path):
+    """It was left out, and sets of all temperatures were one."""
+    text = "T,f (Hz),E' (Pa),E'' (Pa)\n20,1,3,1\n40,1,2,1\n"
+    with pytest.raises(vv.InputError, match="column 'T': has no unit, must be one of c, "):
+        vv.read_dma(table(tmp_path, text))
+    period = vv.read_dma(table(tmp_path, text.replace("T,", "T (s),").replace("40,1,", "40,2,")))
+    assert period.temperature is None
+
+
 @pytest.mark.parametrize("unit", ["{}", "[{}]", "({})", " [ {} ] "])
 def test_milli_is_not_mega(tmp_path, unit):
     """However a unit is written, in its own line or behind the name."""

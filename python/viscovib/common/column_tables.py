@@ -141,6 +141,7 @@ def _places(
     for role in given:
         _native.choice("columns", role, tuple(roles))
     places: dict[Column, int] = {}
+    told = [units[i].strip() or _unit_within(one) for i, one in enumerate(names)]
     for column in wanted:
         if column.role in given:
             stripped = [one.strip() for one in names]
@@ -154,8 +155,11 @@ def _places(
         found = [i for i, one in enumerate(plain) if one in column.names]
         if len(found) > 1 or "t" in column.names:
             known = UNITS[column.kind]
-            fits = [i for i in found if _unit(units[i] or _unit_within(names[i]), known) in known]
-            found = fits if len(found) > 1 else [i for i in found if fits or plain[i] != "t"]
+            fits = [i for i in found if _unit(told[i], known) in known]
+            if len(found) > 1:
+                found = fits
+            elif not fits:
+                found = [i for i in found if plain[i] != "t" or _hot(column, names[i], told[i])]
         if len(found) > 1:
             both = " and ".join(repr(names[i].strip()) for i in found)
             raise InputError(
@@ -235,6 +239,11 @@ def _plain(name: str) -> str:
 def _unit_within(name: str) -> str:
     found = re.search(r"\[([^\]]*)\]|\(([^)]*)\)", name)
     return "" if found is None else (found[1] or found[2] or "")
+
+
+def _hot(column: Column, name: str, unit: str) -> bool:
+    """Whether a T without a unit is a temperature that lacks one; t, or T with another, is time."""
+    return column.kind == "temperature" and name.strip().startswith("T") and not unit.strip()
 
 
 def _spelled(text: str) -> str:

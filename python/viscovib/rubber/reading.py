@@ -124,7 +124,8 @@ def _read_dynamic(
     else:
         raise InputError(
             f"{table.path}: has {' and '.join([*given, *turned]) or 'no modulus'}, must have "
-            "storage and loss, or one of them or the magnitude with a loss factor or angle"
+            "storage and loss, or one of them or the magnitude with a loss factor or angle; other "
+            "names of columns are told by columns={'storage': ...}"
         )
     measured = _asked(quantity) or _quantity(table, given)
     _refuse(table, "frequency", nu <= 0, "greater than 0")
