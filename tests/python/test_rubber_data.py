@@ -114,6 +114,13 @@ def test_a_temperature_without_a_unit_is_told(tmp_path):
         vv.read_dma(table(tmp_path, text))
     period = vv.read_dma(table(tmp_path, text.replace("T,", "T (s),").replace("40,1,", "40,2,")))
     assert period.temperature is None
+    for text, told in (
+        ("T,t (s),E (Pa)\n20,1,3\n20,2,2\n", "column 'T': has no unit, must be one of c, "),
+        ("T (°C),t,E (Pa)\n20,1,3\n20,2,2\n", "column 't': has no unit, must be one of s, "),
+        ("t,E (Pa)\n1,3\n2,2\n", "column 't': has no unit, must be one of s, "),
+    ):
+        with pytest.raises(vv.InputError, match=told):
+            vv.read_relaxation(table(tmp_path, text))
 
 
 @pytest.mark.parametrize("unit", ["{}", "[{}]", "({})", " [ {} ] "])

@@ -156,10 +156,9 @@ def _places(
         if len(found) > 1 or "t" in column.names:
             known = UNITS[column.kind]
             fits = [i for i in found if _unit(told[i], known) in known]
-            if len(found) > 1:
-                found = fits
-            elif not fits:
-                found = [i for i in found if plain[i] != "t" or _hot(column, names[i], told[i])]
+            if "t" in column.names and not fits:
+                fits = [i for i in found if plain[i] != "t" or _bare(column, names[i], told[i])]
+            found = fits
         if len(found) > 1:
             both = " and ".join(repr(names[i].strip()) for i in found)
             raise InputError(
@@ -241,9 +240,9 @@ def _unit_within(name: str) -> str:
     return "" if found is None else (found[1] or found[2] or "")
 
 
-def _hot(column: Column, name: str, unit: str) -> bool:
-    """Whether a T without a unit is a temperature that lacks one; t, or T with another, is time."""
-    return column.kind == "temperature" and name.strip().startswith("T") and not unit.strip()
+def _bare(column: Column, name: str, unit: str) -> bool:
+    """Whether a T is a temperature, or a t a time, that lacks its unit: with another it is none."""
+    return not unit and name.strip()[0] == ("T" if column.kind == "temperature" else "t")
 
 
 def _spelled(text: str) -> str:
