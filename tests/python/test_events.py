@@ -328,3 +328,25 @@ def test_a_function_without_any_value_is_told(recwarn):
     told = [str(one.message) for one in recwarn]
     assert len(told) == 1
     assert "events[0] = 'log(x - 2)': has no value anywhere along the run" in told[0]
+
+
+@pytest.mark.parametrize("steps", [20, 60, 180])
+def test_a_run_that_needs_more_room_for_its_past_begins_anew(steps):
+    """It was made again with the sides of its end: a passage at t = 0 that is none ended it."""
+    one = vv.PronyKernel(weights=[0.3], rates=[1.0])
+    stiffness = [[2.3, -1.0, 0.0], [-1.0, 2.3, -1.0], [0.0, -1.0, 2.3]]
+    system = vv.PolynomialSystem(
+        mass=np.ones(3), damping=0.07 * np.eye(3), names=["x", "y", "z"],
+        springs=[vv.Springs(stiffness=stiffness, kernel=one)],
+    )  # fmt: skip
+    call = {"initial": [-0.2, 0, -0.2, 0, -0.2, 0], "dt": 3.8 / steps}
+    events = [vv.Event("y + 0.085"), vv.Event("y_dot - 0.1", direction="up"), "x - z + 0.01"]
+    direct, brief = (
+        vv.simulate(system, 3.8, events=events, memory=memory, **call)
+        for memory in ("direct", "exponentials")
+    )
+    assert [found.t.size for found in direct.events] == [1, 1, 0]
+    for found, true in zip(direct.events, brief.events, strict=True):
+        np.testing.assert_allclose(found.t, true.t, atol=1e-6)
+    ends = [vv.Event("y - 0.01", direction="down", terminal=True)]
+    assert vv.simulate(system, 1.9, events=ends, memory="direct", **call).outcome == "completed"

@@ -302,7 +302,12 @@ class MountRun(Run):
                 f"{self.motion.end:g} may go on to {_REACH * self.motion.end:g} at most"
             )
         n_memory = _MEMORY if self.memory is None else max(self.memory.size, _MEMORY)
+        watch = self.watch
+        sides = None if watch is None else watch.sides.copy()
         while True:
+            if watch is not None:
+                # Steps that are made again begin where they began before.
+                watch.sides[:] = sides
             part, n_kept, reason = self._call(count, every, columns, times, n_memory)
             if reason == _NO_EXPONENTIALS:
                 self._turn_direct()
