@@ -6,6 +6,7 @@ module viscovib_body_groups
   use viscovib_kernel_groups, only: read_system_kernels
   use viscovib_kinds, only: wp
   use viscovib_law_faults, only: complain_of_law
+  use viscovib_law_functions, only: wall
   use viscovib_law_program, only: put_argument
   use viscovib_law_term, only: law_term
   use viscovib_law_text, only: compile_law
@@ -319,7 +320,7 @@ contains
     type(body_spring), intent(inout) :: spring
     character(len=name_length) :: none(0)
     character(len=:), allocatable :: text, fault, other
-    real(wp) :: no_values(0), powers(max_degree), value(1)
+    real(wp) :: no_values(0), powers(max_degree), value(1), slopes(1, 2)
     type(terms_type) :: terms
     type(law_term) :: law
     integer :: effort, i, power
@@ -343,9 +344,13 @@ contains
                              //"'exact'")
         return
       end if
-      call law%program%evaluate(reshape([0.0_wp, 0.0_wp], [1, 2]), value)
+      call law%program%differentiate(reshape([0.0_wp, 0.0_wp], [1, 2]), value, slopes)
       if (abs(value(1)) > 0.0_wp) then
         call complain_of_law(reader, key, text, 'is '//show(value(1))//' at d = 0, must be 0')
+        return
+      end if
+      if (any(abs(slopes) >= wall)) then
+        call complain_of_law(reader, key, text, 'must have a finite derivative at d = 0')
         return
       end if
       spring%laws = [law]

@@ -8,6 +8,7 @@ module viscovib_structure_groups
   use viscovib_kinds, only: wp
   use viscovib_layer_groups, only: finish_layer
   use viscovib_law_faults, only: complain_of_law
+  use viscovib_law_functions, only: wall
   use viscovib_law_term, only: about_rest
   use viscovib_law_text, only: compile_law
   use viscovib_matrix_market, only: read_matrix_market
@@ -452,7 +453,11 @@ contains
       call law%drop_unread()
     end associate
     fault = ''
-    if (.not. defined) fault = 'must be defined around rest, where d is 0'
+    if (.not. defined) then
+      fault = 'must be defined around rest, where d is 0'
+    else if (any(abs(slopes) >= wall)) then
+      fault = 'must have a finite derivative at rest, where d is 0'
+    end if
     element%stiffness = element%stiffness + slopes(1)
     element%damping = element%damping + slopes(2)
   end subroutine read_function

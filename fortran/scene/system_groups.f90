@@ -7,6 +7,7 @@ module viscovib_system_groups
   use viscovib_kernel_holder, only: kernel_holder
   use viscovib_kinds, only: wp
   use viscovib_law_faults, only: complain_of_law
+  use viscovib_law_functions, only: wall
   use viscovib_law_term, only: about_rest, law_term
   use viscovib_law_text, only: compile_law
   use viscovib_namelist, only: lower, namelist_type
@@ -241,6 +242,10 @@ contains
     fault = ''
     if (.not. defined) then
       fault = 'must be defined around rest, where what it depends on is 0'
+      return
+    end if
+    if (any(abs(slopes) >= wall)) then
+      fault = 'must have a finite derivative at rest, where what it depends on is 0'
       return
     end if
     unit = reshape([(merge(1.0_wp, 0.0_wp, mod(i, n + 1) == 0), i=0, n*n - 1)], [n, n])

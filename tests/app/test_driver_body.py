@@ -334,6 +334,11 @@ WANTED = "&modes /\n"
             "has the power 0",
         ),
         (
+            f"&body {MASSES} / &mount_point name='a' position=0 0 0 stiffness=1 1 1 "
+            f"law_x='d*log(abs(d))' / {WANTED}",
+            "must have a finite derivative at d = 0",
+        ),
+        (
             f"&body {MASSES} geometry='exact' / &mount_point name='a' position=0 0 0 "
             f"stiffness=1 1 1 law_x='v*abs(v)' / {WANTED}",
             "must not depend on the rate v",
