@@ -265,6 +265,9 @@ class Response(PeriodicMotions, Result):
         >>> bool(r.sampling[0] < 1e-9 < r.truncation[0])
         True
         """
+        finest: Response | None = self.__dict__.get("_finest")
+        if finest is not None:
+            return finest.sampling
         if self.method == "linear":
             return np.where(self.converged, 0.0, np.nan)
         job = (*self._job, 1, np.zeros(len(self._job[0])), self.nu[0])
@@ -361,7 +364,10 @@ class Response(PeriodicMotions, Result):
             found = extrapolated(row, float(truncation[i]))
             if found is not None:
                 coefficients[i], truncation[i], power[i] = found
-        return replace(self, coefficients=coefficients, truncation=truncation, power=power)
+        result = replace(self, coefficients=coefficients, truncation=truncation, power=power)
+        # Of the equations cut at its orders it is no solution; samples left in it what is here.
+        result.__dict__["_finest"] = self
+        return result
 
     @property
     def complete(self) -> bool:  # type: ignore[override]
