@@ -23,6 +23,8 @@ module viscovib_tabulated
 
   !> A table that lacks more than this part of its integral is told.
   real(wp), parameter, public :: tabulated_unseen = 0.01_wp
+  !> First times that tell how a kernel begins: those below so many times the first one.
+  real(wp), parameter :: decade = 10.0_wp
   integer, parameter, public :: interpolation_linear = 0, interpolation_exponential = 1
 
   type, extends(kernel_type) :: tabulated_kernel
@@ -32,7 +34,7 @@ module viscovib_tabulated
     !> Of each piece: slope (linear) or decay rate (exponential), shape (n-1).
     real(wp), allocatable, private :: slopes(:)
     !> Integral of R before the first time of the table that the interpolant lacks, as
-    !! far as the first three points tell; +infinity if they do not bound it.
+    !! far as its first decade tells; +infinity if that does not bound it.
     real(wp) :: unseen = 0.0_wp
   contains
     procedure :: transform
@@ -157,28 +159,81 @@ contains
     end select
   end function unseen_integral
 
-  !> Integral before the first time, continued as c t^p or c exp(-r t), whichever fits three
-  !! points better, less that of the interpolant: what a table of a singular kernel
-  !! loses, R = A t^(alpha-1) having the part t_1 R(t_1)/alpha there.
+  !> Integral before the first time, continued as c t^p exp(-q t), less that of the interpolant:
+  !! what a table of a singular kernel loses, R = A t^(alpha-1) having the part t_1 R(t_1)/alpha
+  !! there.
   pure real(wp) function unseen_start(t, r, interpolation)
     real(wp), intent(in) :: t(:), r(:)
     integer, intent(in) :: interpolation
-    real(wp) :: power(2), rate(2), before, known
+    real(wp) :: power, rate, before, known
+    integer :: n
 
     unseen_start = 0.0_wp
     if (size(t) < 3) return
-    if (t(1) <= 0.0_wp .or. r(3) <= 0.0_wp .or. r(2) <= r(3) .or. r(1) <= r(2)) return
-    rate = log_ratio(r(:2), r(2:3))/(t(2:3) - t(:2))
-    power = -log_ratio(r(:2), r(2:3))/log_ratio(t(2:3), t(:2))
-    known = r(1)*t(1)*mean_growth(rate(1)*t(1))
-    before = known
-    if (abs(power(2) - power(1))*sum(rate) < abs(rate(2) - rate(1))*abs(sum(power))) then
-      before = ieee_value(before, ieee_positive_inf)
-      if (power(1) > -1.0_wp) before = r(1)*t(1)/(1.0_wp + power(1))
+    if (t(1) <= 0.0_wp) return
+    n = max(3, count(t <= decade*t(1)))
+    if (any(r(:n) <= 0.0_wp)) return
+    call fit_start(t(:n), r(:n), power, rate)
+    before = ieee_value(before, ieee_positive_inf)
+    if (power > -1.0_wp) before = r(1)*t(1)*mean_start(power, rate*t(1))
+    known = r(1)*t(1)
+    if (interpolation == interpolation_exponential) then
+      known = known*mean_growth(max(log_ratio(r(1), r(2)), 0.0_wp)*(t(1)/(t(2) - t(1))))
     end if
-    if (interpolation == interpolation_linear) known = r(1)*t(1)
     unseen_start = max(before - known, 0.0_wp)
   end function unseen_start
+
+  !> p and q of the c t^p exp(-q t) that is closest to log R: p <= 0 <= q, and p = 0 where it is not
+  !! below 0 by twice its standard error, which of a table with noise is its scatter.
+  pure subroutine fit_start(t, r, power, rate)
+    real(wp), intent(in) :: t(:), r(:)
+    real(wp), intent(out) :: power, rate
+    real(wp), dimension(size(t)) :: by_power, by_rate, y
+    real(wp) :: pp, pq, qq, scatter
+    integer :: n
+    logical :: alike
+
+    n = size(t)
+    by_power = centred(log_ratio(t, spread(t(1), 1, n)))
+    by_rate = centred(-t/t(1))
+    y = centred(log_ratio(r, spread(r(1), 1, n)))
+    pp = dot_product(by_power, by_power)
+    pq = dot_product(by_power, by_rate)
+    qq = dot_product(by_rate, by_rate)
+    power = (dot_product(by_power, y)*qq - dot_product(by_rate, y)*pq)/(pp*qq - pq**2)
+    rate = (dot_product(by_rate, y) - power*pq)/qq
+    scatter = (pp - pq**2/qq)*max(n - 3, 1)
+    if (rate < 0.0_wp) then
+      rate = 0.0_wp
+      power = dot_product(by_power, y)/pp
+      scatter = pp*(n - 2)
+    end if
+    scatter = sqrt(sum((y - power*by_power - rate*by_rate)**2)/scatter)
+    ! Three points fit anyhow: the better of both alone.
+    alike = n == 3 .and. dot_product(by_rate, y)**2*pp > dot_product(by_power, y)**2*qq
+    if (power > -2.0_wp*scatter .or. alike) then
+      power = 0.0_wp
+      rate = max(dot_product(by_rate, y)/qq, 0.0_wp)
+    end if
+    rate = rate/t(1)
+  end subroutine fit_start
+
+  !> Less the mean.
+  pure function centred(x) result(y)
+    real(wp), intent(in) :: x(:)
+    real(wp) :: y(size(x))
+    y = x - sum(x)/size(x)
+  end function centred
+
+  !> integral_0^1 u^p exp(z (1 - u)) du, p > -1: with u^(p + 1) the integrand is bounded; midpoints.
+  pure real(wp) function mean_start(p, z)
+    real(wp), intent(in) :: p, z
+    integer, parameter :: n = 200
+    real(wp) :: u(n)
+    integer :: i
+    u = [((i - 0.5_wp)/n, i=1, n)]**(1.0_wp/(1.0_wp + p))
+    mean_start = sum(exp(min(z*(1.0_wp - u), 700.0_wp)))/(n*(1.0_wp + p))
+  end function mean_start
 
   !> integral_0^1 exp(z u) du for real z >= 0; infinite beyond the range of numbers.
   pure real(wp) function mean_growth(z)
