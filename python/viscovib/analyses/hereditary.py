@@ -305,7 +305,7 @@ class MountRun(Run):
         watch = self.watch
         sides = None if watch is None else watch.sides.copy()
         while True:
-            if watch is not None:
+            if watch is not None and sides is not None:
                 # Steps that are made again begin where they began before.
                 watch.sides[:] = sides
             part, n_kept, reason = self._call(count, every, columns, times, n_memory)

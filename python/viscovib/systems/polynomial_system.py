@@ -353,7 +353,8 @@ class PolynomialSystem:
         stiffness = self._stiffness_at_rest
         if np.allclose(stiffness, stiffness.T, rtol=1e-12, atol=0):
             mass = self._mass_matrix
-            squares, shapes = refined_modes(*eigh(stiffness, mass), mass, stiffness)
+            squares, shapes = eigh(stiffness, mass)
+            squares, shapes = refined_modes(squares, shapes, mass, stiffness)
         else:
             squares, shapes = eig(stiffness, self._mass_matrix)
             if np.abs(squares.imag).max() > 1e-9 * np.abs(squares).max():

@@ -153,7 +153,8 @@ def _modal_matrix(mass: FloatArray, stiffness: FloatArray, modal: ModalDamping) 
             stiffness[np.ix_(idle, idle)], stiffness[np.ix_(idle, kept)]
         )
     m = mass[np.ix_(kept, kept)]
-    squares, shapes = refined_modes(*eigh(inner, m), m, inner)
+    squares, shapes = eigh(inner, m)
+    squares, shapes = refined_modes(squares, shapes, m, inner)
     pushed = m @ shapes
     ratios = ModalDamping(modal.ratio).rates(squares)
     total[np.ix_(kept, kept)] += (pushed * ratios) @ pushed.T

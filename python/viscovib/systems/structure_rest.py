@@ -107,7 +107,8 @@ def dense_rest(
         return _condensed_rest(mass, damping, stiffness, modal)
     none = np.zeros((n, 0), dtype=complex)
     if _symmetric(stiffness) and _symmetric(damping):
-        squares, shapes = refined_modes(*eigh(stiffness, mass), mass, stiffness)
+        squares, shapes = eigh(stiffness, mass)
+        squares, shapes = refined_modes(squares, shapes, mass, stiffness)
         squares = without_rounding(squares, shapes, stiffness)
         if not quiet:
             warn_of_lost_modes(squares, shapes, mass, stiffness)

@@ -54,7 +54,8 @@ def whole_system(structure: Structure) -> PolynomialSystem:
                 "loss_factor: has no meaning in time, must be 0 for a motion in time (take a "
                 "kernel, or modal_damping)"
             )
-        squares, shapes = refined_modes(*eigh(stiffness, mass), mass, stiffness)
+        squares, shapes = eigh(stiffness, mass)
+        squares, shapes = refined_modes(squares, shapes, mass, stiffness)
         pushed = mass @ shapes
         damping = damping + (pushed * modal.rates(squares)) @ pushed.T
     forces: Monomials = {}
