@@ -8,11 +8,11 @@ module viscovib_law_program
   use viscovib_kinds, only: wp
   use viscovib_lanes, only: n_lanes
   use viscovib_law_functions, only: add, bounded, branches, called, degree_of, divide, f_abs, &
-    f_atleast, f_atmost, f_cos, f_exp, f_heaviside, f_less, f_log, f_max, f_min, f_more, f_pow, f_sign, &
-    f_sin, f_sqrt, f_tanh, f_where, first_function, first_of_two, functions, held_power, &
+    f_atleast, f_atmost, f_cos, f_exp, f_heaviside, f_less, f_log, f_max, f_min, f_more, f_pow, &
+    f_sign, f_sin, f_sqrt, f_tanh, f_where, first_function, first_of_two, functions, held_power, &
     known_power, leaves, most_called, multiply, negate, number_for_one, number_for_two, of_one, &
-    of_two, operands, parity_of, power, put_argument, put_number, second_of_two, square, steepest, &
-    subtract, wall, within
+    of_two, operands, parity_of, power, put_argument, put_number, second_of_two, square, &
+    steepest, subtract, wall, within
   use viscovib_law_outside, only: call_outside
   use viscovib_vector_math, only: exponential_lanes, largest_angle, logarithm_lanes, &
     sine_cosine_lanes, tangent_lanes

@@ -14,8 +14,8 @@ module viscovib_known_past
   public :: known_past_type, new_known_past
 
   !> Nodes of a piece; places at which its polynomial is compared with what it stands for; how
-  !! many parts a piece is cut into at most.
-  integer, parameter :: nodes = 8, n_checks = 25, most_parts = 2000
+  !! many parts a piece is cut into at most, by so many halvings.
+  integer, parameter :: nodes = 8, n_checks = 25, most_parts = 2000, most_halvings = 50
   !> What a part may be off by, times its length, relative to the size of the channel.
   real(wp), parameter :: resolved = 1.0e-13_wp
 
@@ -54,7 +54,7 @@ contains
 
     call new_collocation(known_past%table, nodes)
     allocate (low(0), high(0), line_of(0), g(nodes + 2, size(channels%kernel_of)))
-    size_of = abs(channels%held)
+    allocate (size_of, source=abs(channels%held))
     do i = 1, size(lines)
       lines(i) = line_type(begin=times(i), length=times(i + 1) - times(i), u=u(:, i), &
                            change=u(:, i + 1) - u(:, i))
@@ -124,19 +124,21 @@ contains
     real(wp) :: low, high, shortest, off(size(size_of))
     real(wp) :: g(nodes + 2, size(size_of)), between(n_checks, size(size_of))
     real(wp) :: by_nodes(n_checks, nodes + 2), checks(n_checks)
-    real(wp), allocatable :: ends(:)
-    integer :: i
+    ! Ends of the parts that are not yet looked at, the next one last.
+    real(wp) :: ends(most_halvings + 1)
+    integer :: i, n
 
-    cuts = [0.0_wp]
-    ends = [1.0_wp]
+    allocate (cuts(1), source=0.0_wp)
+    ends(1) = 1.0_wp
+    n = 1
     checks = [((i - 0.5_wp)/n_checks, i=1, n_checks)]
     do i = 1, n_checks
       by_nodes(i, :) = table%basis(checks(i))
     end do
-    shortest = max(2.0_wp**(-50), 16.0_wp*spacing(line%begin)/line%length)
-    do while (size(ends) > 0)
+    shortest = max(2.0_wp**(-most_halvings), 16.0_wp*spacing(line%begin)/line%length)
+    do while (n > 0)
       low = cuts(size(cuts))
-      high = ends(size(ends))
+      high = ends(n)
       off = 0.0_wp
       if (any(system%bent) .and. high - low > shortest .and. size(cuts) < most_parts) then
         call line%remember(system, channels, low + (high - low)*table%points, g)
@@ -144,10 +146,11 @@ contains
         off = maxval(abs(matmul(by_nodes, g) - between), dim=1)*(high - low)
       end if
       if (any(off > resolved*size_of)) then
-        ends = [ends, 0.5_wp*(low + high)]
+        n = n + 1
+        ends(n) = 0.5_wp*(low + high)
       else
         cuts = [cuts, high]
-        ends = ends(:size(ends) - 1)
+        n = n - 1
       end if
     end do
   end subroutine resolve

@@ -298,8 +298,8 @@ class MountRun(Run):
         until = self._time_after(self.done + count)
         if until > _REACH * self.motion.end * (1 + 1e-9):
             raise InputError(
-                f"t_end = {until:g}: a run made for t_end = "
-                f"{self.motion.end:g} may go on to {_REACH * self.motion.end:g} at most"
+                f"t_end = {until:g}: a run made for t_end = {self.motion.end:g} may go on to "
+                f"{_REACH * self.motion.end:g} at most"
             )
         n_memory = _MEMORY if self.memory is None else max(self.memory.size, _MEMORY)
         watch = self.watch
@@ -339,7 +339,7 @@ class MountRun(Run):
             found,
             n_found,
             too_long,
-        ) = _native.call_either(
+        ) = _native.call_either(  # fmt: skip
             count > _native.MANY_STEPS,
             core.mount_simulate,
             mount._flat,
