@@ -91,11 +91,11 @@ subroutine polynomial_simulate(flat, n_flat, orders, series, n_rows, n_series, n
   rows = pack([(i, i=1, 2*n_rows - 2)], state_mask(moves /= 0))
   if (.not. outcome%failed()) then
     if (size(dofs) == n_rows - 1) then
-      call new_polynomial_motion(motion, system, load, nu, outcome)
+      call new_polynomial_motion(motion, system, load, nu, outcome, in_sections=.true.)
     else
       call reduce(system, moves /= 0, reduced)
       call load%take_part(moves /= 0, part)
-      call new_polynomial_motion(motion, reduced, part, nu, outcome)
+      call new_polynomial_motion(motion, reduced, part, nu, outcome, in_sections=.true.)
     end if
   end if
   if (.not. outcome%failed()) then

@@ -234,7 +234,8 @@ contains
                                 max(maxval(omega), maxval(subject%pendulum%drives)), trajectory, &
                                 status)
         else
-          call new_polynomial_motion(own, subject%polynomial, subject%load, self%nu, status)
+          call new_polynomial_motion(own, subject%polynomial, subject%load, self%nu, status, &
+                                     in_sections=.true.)
           if (status%failed()) return
           call run_polynomial_job(motion, subject%polynomial, subject%load, self%nu, &
                                   own%fastest(), trajectory, status)

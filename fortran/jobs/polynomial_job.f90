@@ -64,7 +64,7 @@ contains
     type(status_type), intent(out) :: status
     type(polynomial_motion_type) :: motion
 
-    call new_polynomial_motion(motion, system, load, nu, status)
+    call new_polynomial_motion(motion, system, load, nu, status, in_sections=.true.)
     if (status%failed()) return
     if (counting) call count_up(counted_idle, count( &
                                 .not. moved_coordinates(system, driven(job, system, load))))

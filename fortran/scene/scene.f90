@@ -6,10 +6,11 @@ module viscovib_scene
   use viscovib_job, only: job_type
   use viscovib_kernel_groups, only: read_kernels
   use viscovib_kernel_holder, only: kernel_holder
+  use viscovib_lanes, only: max_dof
   use viscovib_law_parameters, only: read_parameters
   use viscovib_load, only: load_type
   use viscovib_load_groups, only: read_loads
-  use viscovib_method_catalogue, only: transient_methods
+  use viscovib_method_catalogue, only: takes_sections, transient_methods
   use viscovib_mount, only: mount_parameters
   use viscovib_mount_groups, only: read_mount
   use viscovib_namelist, only: group_type, namelist_type, read_namelist
@@ -150,7 +151,9 @@ contains
       if (group%find('held') > 0 .or. group%find('memory') > 0) return
       method = group%find('method')
       if (method > 0) then
-        if (.not. any(transient_methods == group%entries(method)%values(1)%text)) return
+        method = findloc(transient_methods == group%entries(method)%values(1)%text, .true., 1)
+        if (method == 0) return
+        if (size(subject%model%mass, 1) > max_dof .and. .not. takes_sections(method)) return
       end if
     end associate
     call whole_polynomial(subject%model, subject%polynomial, status)

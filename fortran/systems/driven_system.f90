@@ -9,6 +9,7 @@ module viscovib_driven_system
   use viscovib_lanes, only: n_lanes
   use viscovib_law_branches, only: signal_type
   use viscovib_law_layers, only: law_layers
+  use viscovib_modal_frame, only: modal_frame
   use viscovib_vector_math, only: largest_angle
   implicit none
   private
@@ -56,9 +57,12 @@ module viscovib_driven_system
     !! allocated: as its state tells.
     integer, allocatable :: sides(:)
     logical, allocatable :: fresh(:)
+    !> The linear rest by its sections, where steps take these exactly.
+    type(modal_frame), allocatable :: frame
   contains
     procedure :: settle
     procedure :: linearise
+    procedure :: push
     procedure(acceleration_interface), deferred :: acceleration
     procedure(margin_interface), deferred :: margin
     procedure :: physical
@@ -169,6 +173,16 @@ contains
     by_q = 0.0_wp
     by_v = 0.0_wp
   end subroutine linearise
+
+  !> Accelerations but for those of the linear rest, which are given.
+  pure subroutine push(self, q, v, drive, rest, a)
+    class(driven_system_type), intent(in) :: self
+    real(wp), intent(in) :: q(n_lanes, self%n_dof), v(n_lanes, self%n_dof)
+    real(wp), intent(in) :: drive(n_lanes, size(self%drives)), rest(n_lanes, self%n_dof)
+    real(wp), intent(out) :: a(n_lanes, self%n_dof)
+    call self%acceleration(q, v, drive, a)
+    a = a - rest
+  end subroutine push
 
   !> What is watched of a surface at states: its signal, or, where the motion slides on it, what is
   !! positive until it leaves.

@@ -54,9 +54,10 @@ contains
     real(wp) :: b(size(n)), at(1, size(n)), g(1)
 
     if (self%element_of(k) > 0) then
-      still = self%elements(self%element_of(k))%is_stop
-      n = 0.0_wp
-      if (still) call self%normal(k, n, b)
+      ! What is held turns no hysteresis, which sees the rate that rounding leaves.
+      still = .true.
+      n = self%elements(self%element_of(k))%e
+      if (self%elements(self%element_of(k))%is_stop) call self%normal(k, n, b)
     else
       at(1, :) = q
       call self%signals(k)%at([0.0_wp], at, 0.0_wp*at, g)

@@ -14,9 +14,12 @@ module viscovib_polynomial_motion
   use viscovib_law_slopes, only: most_arguments
   use viscovib_law_term, only: law_term, part_linear
   use viscovib_load, only: load_type
+  use viscovib_modal_frame, only: most_in_frame
   use viscovib_monomial_lanes, only: add_monomial_slopes, take_monomials
   use viscovib_polynomial, only: highest_degree, monomial_type, polynomial_type
+  use viscovib_polynomial_frame, only: new_polynomial_frame
   use viscovib_status, only: fail, show, status_input_error, status_type
+  use viscovib_stops_at_rest, only: push_on
   use viscovib_switched_laws, only: new_switched_laws, switched_laws
   implicit none
   private
@@ -39,6 +42,7 @@ module viscovib_polynomial_motion
   contains
     procedure :: acceleration
     procedure :: linearise
+    procedure :: push
     procedure :: margin
     procedure :: fastest
     procedure :: add_table
@@ -51,11 +55,12 @@ module viscovib_polynomial_motion
     procedure :: keep_switches
     procedure :: recall_switches
     procedure, private :: but_laws
+    procedure, private :: add_pushes
   end type polynomial_motion_type
 
 contains
 
-  subroutine new_polynomial_motion(motion, system, load, nu, status)
+  subroutine new_polynomial_motion(motion, system, load, nu, status, in_sections)
     type(polynomial_motion_type), intent(out) :: motion
     type(polynomial_type), intent(in) :: system
     !> Forces on the coordinates; the base is at rest.
@@ -63,14 +68,18 @@ contains
     !> Circular frequency of the load (rad/s), > 0.
     real(wp), intent(in) :: nu
     type(status_type), intent(out) :: status
+    !> Whether the sections of a linear rest of more coordinates than lanes hold are wanted.
+    logical, intent(in), optional :: in_sections
     complex(wp) :: inverse(system%n_dof(), system%n_dof())
     type(law_term) :: laws(size(system%laws))
     logical :: singular
-    integer :: i
+    integer :: i, most
 
-    if (system%n_dof() > max_dof) then
+    most = max_dof
+    if (present(in_sections)) most = merge(most_in_frame, max_dof, in_sections)
+    if (system%n_dof() > most) then
       call fail(status, status_input_error, 'system', 'system: has '//show(system%n_dof()) &
-                //' coordinates, motion in time takes at most '//show(max_dof))
+                //' coordinates, motion in time takes at most '//show(most))
     else if (any(system%kernel_of > 0)) then
       call fail(status, status_input_error, 'system', 'system: has memory, motion in time is ' &
                 //'computed without: leave out the kernels')
@@ -92,6 +101,11 @@ contains
     motion%range = range_of_degree(highest_degree(system%monomials), size(system%laws) > 0)
     motion%linear_rate = sqrt(maxval(sum(abs(motion%stiffness), 2))) &
                          + maxval(sum(abs(motion%damping), 2))
+    if (motion%n_dof > max_dof) then
+      allocate (motion%frame)
+      call new_polynomial_frame(motion%frame, motion%linear_rate, system, status)
+      if (status%failed()) return
+    end if
     laws = system%laws
     motion%sloped = motion%n_dof <= most_sloped .and. size(laws) > 0 .and. all(laws%state == 0)
     call part_linear(laws, motion%inverse, motion%stiffness, motion%damping)
@@ -253,7 +267,7 @@ contains
       end if
       call self%laws%normal(k, n, b)
       v = v - (1.0_wp + element%restitution)*(min(dot_product(n, v), 0.0_wp)/dot_product(n, b))*b
-      call push_on(self, k, v, sides)
+      call push_on(self%laws, k, v, sides)
       sides(k) = 1
       call self%take_sides(sides)
       call self%acceleration(spread(q, 1, n_lanes), spread(v, 1, n_lanes), &
@@ -261,7 +275,9 @@ contains
       away = dot_product(n, v)
       press = -dot_product(n, a(1, :))
       ! Beside the gap, or what the motion falls in a step.
-      height = 4.0_wp*epsilon(1.0_wp)*max(abs(element%gap), abs(press)*self%step_length**2)
+      height = max(abs(element%gap), abs(press)*self%step_length**2)
+      if (allocated(self%frame)) height = max(height, self%frame%sum_of_sizes(q, n))
+      height = 4.0_wp*epsilon(1.0_wp)*height
       if (press > 0.0_wp .and. away**2 <= 2.0_wp*press*height) then
         lost = max(1.0_wp - element%restitution, epsilon(1.0_wp))
         element%since(which) = t + merge(0.0_wp, 2.0_wp*away/(press*lost), &
@@ -271,37 +287,6 @@ contains
       end if
     end associate
   end subroutine meet_element
-
-  !> What an impact does to stops against which the motion rests: they answer one after the other.
-  subroutine push_on(self, first, v, sides)
-    class(polynomial_motion_type), intent(inout) :: self
-    integer, intent(in) :: first
-    real(wp), intent(inout) :: v(:)
-    integer, intent(inout) :: sides(:)
-    integer, parameter :: most = 100
-    real(wp) :: n(size(v)), b(size(v)), away
-    integer :: i, k
-    logical :: settled
-
-    do i = 1, most
-      settled = .true.
-      do k = 1, size(sides)
-        if (self%laws%element_of(k) == 0 .or. (sides(k) /= slides .and. k /= first)) cycle
-        call self%laws%normal(k, n, b)
-        away = dot_product(n, v)
-        if (abs(away) <= 1.0e-14_wp*sum(abs(n*v))) cycle
-        if (away > 0.0_wp) then
-          sides(k) = 1
-          self%laws%elements(self%laws%element_of(k))%since(self%laws%which(k)) = -1.0_wp
-        else
-          settled = .false.
-          v = v - (1.0_wp + self%laws%elements(self%laws%element_of(k))%restitution) &
-              *(away/dot_product(n, b))*b
-        end if
-      end do
-      if (settled) return
-    end do
-  end subroutine push_on
 
   !> Elements that know what was begin here.
   subroutine settle(self, q, v)
@@ -429,8 +414,8 @@ contains
     real(wp), intent(in) :: q(n_lanes, self%n_dof), v(n_lanes, self%n_dof)
     real(wp), intent(in) :: drive(n_lanes, size(self%drives))
     real(wp), intent(out) :: a(n_lanes, self%n_dof)
-    real(wp) :: total(n_lanes), c(n_lanes), s(n_lanes)
-    integer :: b, d, k, order
+    real(wp) :: total(n_lanes)
+    integer :: b, d
 
     do d = 1, self%n_dof
       total = 0.0_wp
@@ -439,6 +424,33 @@ contains
       end do
       a(:, d) = total
     end do
+    call self%add_pushes(q, drive, a)
+  end subroutine but_laws
+
+  !> But for the linear rest. Where the motion slides, the laws depend on all of an acceleration.
+  pure subroutine push(self, q, v, drive, rest, a)
+    class(polynomial_motion_type), intent(in) :: self
+    real(wp), intent(in) :: q(n_lanes, self%n_dof), v(n_lanes, self%n_dof)
+    real(wp), intent(in) :: drive(n_lanes, size(self%drives)), rest(n_lanes, self%n_dof)
+    real(wp), intent(out) :: a(n_lanes, self%n_dof)
+    logical :: slides
+
+    slides = self%laws%n_slides() > 0
+    a = 0.0_wp
+    call self%add_pushes(q, drive, a)
+    if (slides) a = a + rest
+    call self%laws%add(q, v, a)
+    if (slides) a = a - rest
+  end subroutine push
+
+  !> Accelerations by monomials and loads, on top of others.
+  pure subroutine add_pushes(self, q, drive, a)
+    class(polynomial_motion_type), intent(in) :: self
+    real(wp), intent(in) :: q(n_lanes, self%n_dof), drive(n_lanes, size(self%drives))
+    real(wp), intent(inout) :: a(n_lanes, self%n_dof)
+    real(wp) :: c(n_lanes), s(n_lanes)
+    integer :: d, k, order
+
     call take_monomials(self%monomials, self%n_dof, self%inverse, q, a)
     ! cos and sin of the order reached so far.
     order = 0
@@ -463,7 +475,7 @@ contains
       a(:, d) = a(:, d) + (((self%piece(d, 1)*drive(:, 3) + self%piece(d, 2))*drive(:, 3) &
                             + self%piece(d, 3))*drive(:, 3) + self%piece(d, 4))
     end do
-  end subroutine but_laws
+  end subroutine add_pushes
 
   !> The equations hold everywhere.
   pure function margin(self, q)

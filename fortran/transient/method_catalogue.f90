@@ -5,11 +5,13 @@ module viscovib_method_catalogue
   use viscovib_explicit_tables, only: explicit_names
   use viscovib_gauss, only: gauss_type, new_gauss
   use viscovib_kinds, only: wp
+  use viscovib_lanes, only: n_lanes
+  use viscovib_modal_gauss, only: modal_gauss_type, new_modal_gauss
   use viscovib_stepper, only: stepper_type
   implicit none
   private
 
-  public :: new_stepper, method_order
+  public :: new_stepper, method_order, takes_sections
 
   !> Gauss collocations, by number of nodes, then the explicit methods.
   character(len=*), parameter, public :: transient_methods(8) = &
@@ -28,8 +30,13 @@ contains
     real(wp), intent(in) :: q(:), v(:), start, h, tolerance
     type(gauss_type), allocatable :: gauss
     type(explicit_stepper_type), allocatable :: explicit
+    type(modal_gauss_type), allocatable :: modal
 
-    if (method <= size(nodes)) then
+    if (allocated(system%frame)) then
+      allocate (modal)
+      call new_modal_gauss(modal, system, nodes(method), q, v, start, h, tolerance)
+      call move_alloc(modal, stepper)
+    else if (method <= size(nodes)) then
       allocate (gauss)
       call new_gauss(gauss, system, nodes(method), q, v, start, h, tolerance)
       call move_alloc(gauss, stepper)
@@ -39,6 +46,14 @@ contains
       call move_alloc(explicit, stepper)
     end if
   end subroutine new_stepper
+
+  !> Whether a method takes the sections of a linear rest exactly: its polynomials are of orders
+  !! that these know.
+  pure logical function takes_sections(method)
+    integer, intent(in) :: method
+    takes_sections = .false.
+    if (method <= size(nodes)) takes_sections = nodes(method) <= n_lanes
+  end function takes_sections
 
   pure integer function method_order(method)
     integer, intent(in) :: method

@@ -323,23 +323,7 @@ class MountRun(Run):
         memory = np.zeros(n_memory)
         if self.memory is not None:
             memory[: self.memory.size] = self.memory
-        (
-            states,
-            at_times,
-            last,
-            kept,
-            n_kept,
-            made,
-            n_reached,
-            reached,
-            ended,
-            counted,
-            rough,
-            reason,
-            found,
-            n_found,
-            too_long,
-        ) = _native.call_either(  # fmt: skip
+        results = _native.call_either(
             count > _native.MANY_STEPS,
             core.mount_simulate,
             mount._flat,
@@ -373,6 +357,8 @@ class MountRun(Run):
             columns,
             *self._watched(),
         )
+        states, at_times, last, kept, n_kept, made, n_reached, reached, ended, *more = results
+        counted, rough, reason, found, n_found, too_long = more
         self.resolution = float(rough)
         self.too_long = max(self.too_long, float(too_long))
         self._refuse(reason)

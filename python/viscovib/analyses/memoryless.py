@@ -33,8 +33,13 @@ METHODS = {"gauss8": 1, "gauss16": 2, "gauss2": 3, "gauss3": 4} | {
 _EVERY_METHOD = tuple({"auto": 0} | METHODS | NODES)
 #: Numbers that a run needs to go on; the core uses as many as the method has.
 _MEMORY = 256
+#: The same of each coordinate, in the sections of a linear rest.
+_OF_COORDINATE = 14
 #: Coordinates of a polynomial system that explicit methods take: those of a lane of the core.
 MAX_DOF = 6
+#: Methods that take more, by the sections of the linear rest, and how many these may be.
+IN_SECTIONS = ("gauss8", "gauss2", "gauss3")
+MAX_SECTIONS = 64
 
 
 def pendulum_runs(
@@ -122,8 +127,12 @@ def polynomial_runs(
     nu: float | None,
     force: LoadTable | None,
     solved: float,
+    seen: FloatArray = nothing(0),
 ) -> tuple[Callable[[float], Run], int]:
-    """Return what makes a run with a step, and the steps to begin with."""
+    """Return what makes a run with a step, and the steps to begin with.
+
+    ``seen``: where elements are in a system of more coordinates than `MAX_DOF`, as for `_pace`.
+    """
     n = len(system.dof_names)
     breaks, pieces = table_of(force, n)
     state = np.zeros(2 * n) if initial is None else starting_state(initial, n, system.dof_names)
@@ -147,7 +156,8 @@ def polynomial_runs(
     name = "gauss8" if method == "auto" else method
     # Steps must see the highest order of the load.
     highest = frequency * max(acting, default=0)
-    many = end * max(system._fastest(), highest) / (0.5 * math.pi)
+    fastest = system._fastest() if n <= MAX_DOF else _pace(system, seen)
+    many = end * max(fastest, highest) / (0.5 * math.pi)
     steps = max(1, math.ceil(min(many, 2.0 * MAX_STEPS)))
     pushed = [False] * n if force is None else [bool(one.any()) for one in pieces]
     driven = [
@@ -160,12 +170,35 @@ def polynomial_runs(
     return partial(PolynomialRun.of_job, system, name, state, solved, job), steps
 
 
+def _pace(system: PolynomialSystem, directions: FloatArray) -> float:
+    """The frequency at which what is seen of the linear rest is as stiff as it is heavy (rad/s).
+
+    The sections of the rest need no steps, but what moves the coordinates, all of them together,
+    and what elements see in their ``directions``, shape (n_dof, n), each by itself.
+    """
+    from scipy.linalg import eigh
+
+    stiffness = system._stiffness_at_rest
+    squares, shapes = eigh(0.5 * (stiffness + stiffness.T), system._mass_matrix)
+    soft = np.divide(1.0, np.abs(squares), out=np.zeros_like(squares), where=squares != 0)
+    softest = (shapes**2 @ soft).max()
+    seen = (directions.T @ shapes) ** 2
+    ratios = [(shapes**2).sum(axis=1).max() / softest] if softest else []
+    yields = seen @ soft
+    ratios += list(seen.sum(axis=1)[yields > 0] / yields[yields > 0])
+    return math.sqrt(max(ratios, default=0.0))
+
+
 def _of_states(size: int, method: str, n: int) -> npt.NDArray[np.bool_]:
     """Which numbers that steppers keep are coordinates, velocities, and the rests of both.
 
-    Collocation keeps n of each, explicit methods as many as their lanes have at most.
+    Collocation keeps n of each, explicit methods as many as their lanes have at most; that of
+    sections has these besides.
     """
     belongs = np.zeros(size, dtype=bool)
+    if n > MAX_DOF:
+        belongs[: 6 * n] = True
+        return belongs
     belongs[: 4 * (n if method.startswith("gauss") else MAX_DOF)] = True
     return belongs
 
@@ -249,7 +282,7 @@ class PolynomialRun(Run):
     def _native_steps(self, count: int, every: int, columns: int, times: FloatArray) -> Piece:
         resume = 0 if self.memory is None else 2 if self.anew else 1
         # Every surface and every state of an element has at least two numbers in the vector.
-        room = _MEMORY + 2 * self.job[0].size
+        room = _MEMORY + _OF_COORDINATE * self.state.size // 2 + 2 * self.job[0].size
         self.layers.longest = max(self.layers.longest, self.h)
         in_parts = self.layers.seen or (self.memory is not None and bool(self.memory[-2]))
         piece = Piece(

@@ -175,6 +175,9 @@ def simulate(
     and tables too; the step only has to resolve the forces of its elements, polynomials through
     the nodes of a step. A step costs as many operations as there are modes, times its nodes. Its
     methods are those of a mount. A polynomial system of more than 64 coordinates goes the same way.
+    Where laws have kinks or states, steps end at their switches in structures of at most 64
+    coordinates without kernels, ``held`` and ``base``: by the methods of a pendulum, of which more
+    than 6 coordinates have "gauss8", "gauss2" and "gauss3".
 
     Examples
     --------
@@ -334,7 +337,7 @@ def runs_of(
                 raise InputError(f"{argument}: is for a Mount; a Pendulum has its loads in itself")
         _native.choice("memory", given.memory, ("auto",))
         return *pendulum_runs(system, end, initial, method, solved), 1
-    if goes_whole(system, method, base, held, given.memory):
+    if goes_whole(system, method, base, held, given.memory, given.coordinates):
         if given.coordinates is not None:
             raise InputError("coordinates: of a structure of so few all are kept, must be None")
         return *whole_runs(system, end, initial, method, load, nu, force, solved), 1

@@ -1,8 +1,8 @@
-"""Structures of few coordinates in time by their whole equations: steps end where laws switch."""
+"""Structures of up to 64 coordinates in time by their whole equations: steps end where laws switch."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
 from typing import Any, ClassVar, TypeGuard
 
@@ -10,7 +10,14 @@ import numpy as np
 import numpy.typing as npt
 
 from viscovib._native import FloatArray
-from viscovib.analyses.memoryless import MAX_DOF, METHODS, PolynomialRun, polynomial_runs
+from viscovib.analyses.memoryless import (
+    IN_SECTIONS,
+    MAX_DOF,
+    MAX_SECTIONS,
+    METHODS,
+    PolynomialRun,
+    polynomial_runs,
+)
 from viscovib.analyses.runs import Run, Wanted
 from viscovib.analyses.structure_motion import StructureTrajectory
 from viscovib.errors import InputError
@@ -19,18 +26,24 @@ from viscovib.systems.load import LoadLike
 from viscovib.systems.load_table import LoadTable
 from viscovib.systems.structure import Structure
 from viscovib.systems.structure_matrices import dense_of
-from viscovib.systems.whole import has_text_laws, switches, whole_system
+from viscovib.systems.whole import has_text_laws, seen_by_laws, switches, whole_system
 
 
 def goes_whole(
-    system: object, method: str, base: object, held: object, memory: str
+    system: object,
+    method: str,
+    base: object,
+    held: object,
+    memory: str,
+    coordinates: Sequence[str] | None = None,
 ) -> TypeGuard[Structure]:
     """Whether a structure is small, without memory, and has laws with kinks or states."""
     if not isinstance(system, Structure) or not switches(system):
         return False
-    told = None
-    if len(system.dof_names) > MAX_DOF:
-        told = f"is for structures of at most {MAX_DOF} coordinates, has {len(system.dof_names)}"
+    told, n = None, len(system.dof_names)
+    methods = ("auto", *(METHODS if n <= MAX_DOF else IN_SECTIONS))
+    if n > MAX_SECTIONS:
+        told = f"is for structures of at most {MAX_SECTIONS} coordinates, has {n}"
     elif system._all_kernels:
         kinds = sorted({type(kernel).__name__ for kernel in system._all_kernels})
         told = (
@@ -40,17 +53,30 @@ def goes_whole(
         )
     elif system._reduced is not None:
         told = "is for structures that are not reduced"
-    elif not dense_of(system.mass).any(axis=1).all():
+    elif not _all_has_mass(dense_of(system.mass)):
         told = "is for structures all of whose coordinates have mass"
+    elif n > MAX_DOF and coordinates is not None:
+        told = "keeps all coordinates: `coordinates` must not be given"
     elif base is not None or held is not None:
         told = "takes neither base nor held"
-    elif not (isinstance(method, str) and method in ("auto", *METHODS)) or memory != "auto":
-        told = f"has the methods auto, {', '.join(METHODS)}, and memory 'auto'"
+    elif not (isinstance(method, str) and method in methods) or memory != "auto":
+        told = f"has the methods {', '.join(methods)}, and memory 'auto'"
     if told is None:
         return True
     if any(element.law is not None and element.law.state for element in system._all_elements):
         raise InputError(f"elements: a motion in time with hysteresis or restitution {told}")
     return False
+
+
+def _all_has_mass(mass: FloatArray) -> bool:
+    """Whether a mass matrix is positive definite, but for rounding, as the core decides it."""
+    if not np.all(np.diag(mass) > 0):
+        return False
+    try:
+        pivots = np.diag(np.linalg.cholesky(mass)) ** 2
+    except np.linalg.LinAlgError:
+        return False
+    return bool(np.all(pivots > 1e-10 * np.diag(mass)))
 
 
 def whole_runs(
@@ -65,7 +91,8 @@ def whole_runs(
 ) -> tuple[Callable[[float], Run], int]:
     """Return what makes a run with a step, and the steps to begin with."""
     whole = whole_system(structure)
-    make, steps = polynomial_runs(whole, end, initial, method, load, nu, force, solved)
+    seen = seen_by_laws(structure)
+    make, steps = polynomial_runs(whole, end, initial, method, load, nu, force, solved, seen)
     check_outside(structure, make(1.0).state)
     return partial(_of_structure, structure, make), steps
 

@@ -1,0 +1,156 @@
+!> A system in the coordinates of its linear rest: sections that go from step to step exactly.
+!!
+!! With u = Phi x the rest M u'' + C u' + K u = p becomes
+!!
+!!   x_m'' + rate_m x_m' + square_m x_m = (Phi^-1 M^-1 p)_m - (N x)_m - (D x')_m,
+!!
+!! Phi being the modes of M and of the symmetric part of K, mass normalised, rate the diagonal of
+!! Phi^T C Phi; N and D, what is left of K and C, are 0 for symmetric K and damping by modes. A
+!! coordinate whose displacement no spring sees and that shares no mass, as one whose rate is a
+!! state of memory, is a section by itself.
+module viscovib_modal_frame
+  use viscovib_kinds, only: wp
+  use viscovib_symmetric_modes, only: find_symmetric_modes
+  implicit none
+  private
+
+  public :: is_definite, modal_frame, new_modal_frame
+
+  !> Coordinates of a frame, at most.
+  integer, parameter, public :: most_in_frame = 128
+  !> What is left of a matrix that counts as rounding, by the sizes that made it.
+  real(wp), parameter :: rounding = 1.0e-14_wp
+
+  type :: modal_frame
+    !> Phi^T, shape (n, n), a coordinate a column: x -> u; and (Phi^-1)^T, a section a column.
+    real(wp), allocatable :: to_coordinates(:, :), to_sections(:, :)
+    !> Shape (n).
+    real(wp), allocatable :: squares(:), rates(:)
+    !> N^T and D^T, shape (n, n); not allocated: 0.
+    real(wp), allocatable :: coupling(:, :), drag(:, :)
+  contains
+    procedure :: pace
+    procedure :: sum_of_sizes
+  end type modal_frame
+
+contains
+
+  !> Whether a symmetric matrix is positive definite, but for rounding.
+  pure logical function is_definite(matrix)
+    real(wp), intent(in) :: matrix(:, :)
+    !> Part of an entry of the diagonal that others must leave of it.
+    real(wp), parameter :: least = 1.0e-10_wp
+    real(wp) :: l(size(matrix, 1), size(matrix, 1)), left
+    integer :: i, j
+
+    is_definite = .false.
+    l = 0.0_wp
+    do j = 1, size(matrix, 1)
+      left = matrix(j, j) - sum(l(j, :j - 1)**2)
+      if (.not. left > least*matrix(j, j)) return
+      do i = j, size(matrix, 1)
+        l(i, j) = (matrix(i, j) - sum(l(i, :j - 1)*l(j, :j - 1)))/sqrt(left)
+      end do
+    end do
+    is_definite = .true.
+  end function is_definite
+
+  subroutine new_modal_frame(frame, mass, damping, stiffness, found)
+    type(modal_frame), intent(out) :: frame
+    !> M, C and K, shape (n, n).
+    real(wp), intent(in) :: mass(:, :), damping(:, :), stiffness(:, :)
+    !> Not where M is not symmetric and positive definite.
+    logical, intent(out) :: found
+    real(wp), dimension(size(mass, 1), size(mass, 1)) :: shapes, left
+    real(wp), allocatable :: part(:, :), squares(:)
+    integer, allocatable :: own(:)
+    logical :: alone(size(mass, 1))
+    integer :: i, n
+
+    n = size(mass, 1)
+    do i = 1, n
+      alone(i) = all(abs(stiffness(:, i)) <= 0.0_wp) &
+                 .and. count(abs(mass(:, i)) > 0.0_wp) == 1 &
+                 .and. count(abs(mass(i, :)) > 0.0_wp) == 1 .and. mass(i, i) > 0.0_wp
+    end do
+    own = pack([(i, i=1, n)], .not. alone)
+    shapes = 0.0_wp
+    do i = 1, n
+      if (alone(i)) shapes(i, i) = 1.0_wp/sqrt(mass(i, i))
+    end do
+    allocate (frame%squares(n), source=0.0_wp)
+    allocate (part(size(own), size(own)), squares(size(own)))
+    associate (m => mass(own, own), k => stiffness(own, own))
+      found = all(abs(m - transpose(m)) <= rounding*maxval(abs(mass)))
+      if (found) found = is_definite(m)
+      if (.not. found) return
+      call find_symmetric_modes(m, 0.5_wp*(k + transpose(k)), squares, part)
+    end associate
+    shapes(own, own) = part
+    frame%squares(own) = squares
+    frame%to_coordinates = transpose(shapes)
+    frame%to_sections = matmul(mass, shapes)
+    left = stiffness
+    left(own, own) = 0.5_wp*(stiffness(own, own) - transpose(stiffness(own, own)))
+    where (abs(left) <= rounding*(abs(stiffness) + abs(transpose(stiffness)))) left = 0.0_wp
+    call take_part(left, shapes, frame%coupling)
+    call take_part(damping, shapes, frame%drag)
+    allocate (frame%rates(n), source=0.0_wp)
+    if (.not. allocated(frame%drag)) return
+    do i = 1, n
+      frame%rates(i) = frame%drag(i, i)
+      frame%drag(i, i) = 0.0_wp
+    end do
+    if (.not. any(abs(frame%drag) > 0.0_wp)) deallocate (frame%drag)
+  end subroutine new_modal_frame
+
+  !> The frequency at which what is seen of the rest is as stiff as it is heavy (rad/s): all
+  !! coordinates together, and what laws see, each by itself. Sections need no steps, but these do.
+  pure real(wp) function pace(self, seen)
+    class(modal_frame), intent(in) :: self
+    !> Deflections by coordinates, shape (n_seen, n).
+    real(wp), intent(in) :: seen(:, :)
+    real(wp), dimension(size(self%squares)) :: soft, part
+    real(wp) :: softest, heaviest, square
+    integer :: i
+
+    soft = abs(self%squares)
+    soft = merge(1.0_wp, 0.0_wp, soft > 0.0_wp)/merge(soft, 1.0_wp, soft > 0.0_wp)
+    softest = 0.0_wp
+    heaviest = 0.0_wp
+    do i = 1, size(soft)
+      softest = max(softest, sum(soft*self%to_coordinates(:, i)**2))
+      heaviest = max(heaviest, sum(self%to_coordinates(:, i)**2))
+    end do
+    square = 0.0_wp
+    if (softest > 0.0_wp) square = heaviest/softest
+    do i = 1, size(seen, 1)
+      part = matmul(self%to_coordinates, seen(i, :))**2
+      softest = sum(soft*part)
+      if (softest > 0.0_wp) square = max(square, sum(part)/softest)
+    end do
+    pace = sqrt(square)
+  end function pace
+
+  !> Sum of the sizes of what the sections contribute to a deflection n . u: what its rounding is a
+  !! part of.
+  pure real(wp) function sum_of_sizes(self, u, n)
+    class(modal_frame), intent(in) :: self
+    real(wp), intent(in) :: u(:), n(:)
+    sum_of_sizes = sum(abs(matmul(u, self%to_sections)*matmul(self%to_coordinates, n)))
+  end function sum_of_sizes
+
+  !> (Phi^T A Phi)^T without rounding; not allocated where it is 0.
+  subroutine take_part(a, shapes, part)
+    real(wp), intent(in) :: a(:, :), shapes(:, :)
+    real(wp), allocatable, intent(out) :: part(:, :)
+    real(wp), dimension(size(a, 1), size(a, 1)) :: sizes
+
+    if (.not. any(abs(a) > 0.0_wp)) return
+    part = matmul(transpose(shapes), matmul(transpose(a), shapes))
+    sizes = matmul(transpose(abs(shapes)), matmul(transpose(abs(a)), abs(shapes)))
+    where (abs(part) <= rounding*sizes) part = 0.0_wp
+    if (.not. any(abs(part) > 0.0_wp)) deallocate (part)
+  end subroutine take_part
+
+end module viscovib_modal_frame

@@ -1,0 +1,441 @@
+!> Gauss-Legendre collocation of what acts on a linear rest, whose sections go from step to step
+!! exactly (viscovib_modal_frame).
+!!
+!! In sections x the equations are x'' + rate x' + square x = p(x, x', t). With p the polynomial
+!! through its values p_j at the nodes,
+!!
+!!   x(c_i h) = by_x_i x_0 + by_v_i x'_0 + sum_j gain_ij p_j,
+!!
+!! and so for x' and at the end (viscovib_section_step): solved by fixed-point iteration from the
+!! polynomial of the step before. Steps need to resolve p alone, not the frequencies of the rest;
+!! the order at their ends is that of Gauss's quadrature, twice the number of nodes. At the faces
+!! of a step the state are the coordinates themselves.
+module viscovib_modal_gauss
+  use viscovib_collocation, only: collocation_type, new_collocation
+  use viscovib_counters, only: count_up, counted_accelerations, counted_coordinates, &
+    counted_loads, counted_turns, counting
+  use viscovib_driven_system, only: driven_system_type
+  use viscovib_gauss_table, only: gauss_table_type, new_gauss_table
+  use viscovib_kinds, only: wp
+  use viscovib_lanes, only: lane_product, n_lanes
+  use viscovib_modal_frame, only: modal_frame
+  use viscovib_modal_maps, only: legendre_of_nodes
+  use viscovib_phases, only: new_phases, phases_type, turn_phase
+  use viscovib_section_step, only: driven_section, free_section
+  use viscovib_step_path, only: new_path, step_path
+  use viscovib_stepper, only: stepper_type
+  implicit none
+  private
+
+  public :: modal_gauss_type, new_modal_gauss
+
+  !> Iterations of a step before it is tried again from a constant start.
+  integer, parameter :: max_iterations = 40
+  !> Part of a state that a step does not resolve; changes of numbers that fade out of range.
+  real(wp), parameter :: rounding = 4.0_wp*epsilon(1.0_wp), negligible = 1.0e-300_wp
+  !> Degree of the polynomial that predicts a step.
+  integer, parameter :: prediction_degree = 5
+
+  !> What steps of one length do to sections: what the state adds to itself and its rate at the
+  !! nodes, shape (n_lanes, n), and the end, (n); pushes at nodes, (n_lanes, s, n) and (s, n).
+  type :: section_maps
+    real(wp) :: h = 0.0_wp
+    real(wp), allocatable, dimension(:, :) :: x_by_x, x_by_v, v_by_x, v_by_v, end_x, end_v
+    real(wp), allocatable :: end_state(:, :, :), x_by_push(:, :, :), v_by_push(:, :, :)
+    !> How much a unit push at all nodes moves a section, with its rate times h, shape (n).
+    real(wp), allocatable :: size_of_push(:)
+  end type section_maps
+
+  type, extends(stepper_type) :: modal_gauss_type
+    type(gauss_table_type) :: table
+    type(phases_type) :: phases
+    !> Iteration stops when pushes move the sections by less than this part.
+    real(wp) :: tolerance = 0.0_wp
+    !> Sections, their rates, and what rounding has left out of both, shape (n).
+    real(wp), allocatable :: x(:), x_rate(:), x_rest(:), rate_rest(:)
+    !> Whether these are those of the state, and pushes of a step before are there.
+    logical, private :: x_follows = .false., rate_follows = .false., has_history = .false.
+    !> Maps of the steps of a run, and of the last part of one; which of them holds.
+    type(section_maps), private :: maps(2)
+    integer, private :: now = 1
+    !> Legendre coefficients of the polynomials up to each node and the end, (s, s, s + 1).
+    real(wp), allocatable, private :: coefficients(:, :, :)
+    !> Pushes, sections and coordinates at the nodes, shape (n_lanes, n).
+    real(wp), allocatable, dimension(:, :), private :: push, x_at, rate_at, q_at, v_at
+  contains
+    procedure :: step
+    procedure :: arrive
+    procedure :: change_step
+    procedure :: put
+    procedure :: memory_size
+    procedure :: save_memory
+    procedure :: load_memory
+    procedure :: least_margin
+    procedure :: trace
+    procedure, private :: pushes
+    procedure, private :: follow
+    procedure, private :: move
+    procedure, private :: solve
+  end type modal_gauss_type
+
+contains
+
+  !> Start at (q, v) at time `start`.
+  subroutine new_modal_gauss(method, system, s, q, v, start, h, tolerance)
+    type(modal_gauss_type), intent(out) :: method
+    class(driven_system_type), intent(in) :: system
+    !> Number of nodes, 2 to 8.
+    integer, intent(in) :: s
+    real(wp), intent(in) :: q(:), v(:), start, h, tolerance
+    type(collocation_type) :: points
+    integer :: i, n
+
+    n = size(q)
+    call new_gauss_table(method%table, s, min(prediction_degree, s - 1))
+    call new_collocation(points, s)
+    allocate (method%coefficients(s, s, s + 1))
+    do i = 1, s + 1
+      method%coefficients(:, :, i) = legendre_of_nodes(points, points%points(i))
+    end do
+    method%tolerance = tolerance
+    method%q = q
+    method%v = v
+    allocate (method%x(n), method%x_rate(n), method%x_rest(n), method%rate_rest(n))
+    allocate (method%push(n_lanes, n), source=0.0_wp)
+    allocate (method%x_at, method%rate_at, method%q_at, method%v_at, mold=method%push)
+    call new_phases(method%phases, system%drives, start, h, method%table%nodes(:, :1))
+    if (allocated(system%quarters)) then
+      call turn_phase(method%phases%high, method%phases%low, system%quarters)
+    end if
+    call method%change_step(system, h)
+  end subroutine new_modal_gauss
+
+  subroutine change_step(self, system, h)
+    class(modal_gauss_type), intent(inout) :: self
+    class(driven_system_type), intent(in) :: system
+    real(wp), intent(in) :: h
+    integer :: i
+
+    self%h = h
+    self%has_history = .false.
+    call self%phases%set_step(system%drives, h, self%table%nodes(:, :1))
+    do i = 1, size(self%maps)
+      self%now = i
+      if (abs(self%maps(i)%h - h) <= 0.0_wp) return
+    end do
+    self%now = merge(1, 2, abs(h - system%step_length) <= 0.0_wp)
+    call make_maps(self%maps(self%now), system%frame, self%table, self%coefficients, h)
+  end subroutine change_step
+
+  subroutine make_maps(maps, frame, table, coefficients, h)
+    type(section_maps), intent(inout) :: maps
+    type(modal_frame), intent(in) :: frame
+    type(gauss_table_type), intent(in) :: table
+    real(wp), intent(in) :: coefficients(:, :, :), h
+    real(wp) :: by_q(2), by_v(2), t
+    real(wp), dimension(size(coefficients, 1)) :: gain, rate_gain, by_order, by_order_rate
+    integer :: i, l, m, n, s
+
+    n = size(frame%squares)
+    s = table%n_nodes
+    if (.not. allocated(maps%x_by_x)) then
+      allocate (maps%x_by_x(n_lanes, n), maps%x_by_push(n_lanes, s, n), maps%end_x(s, n))
+      allocate (maps%x_by_v, maps%v_by_x, maps%v_by_v, mold=maps%x_by_x)
+      allocate (maps%v_by_push, mold=maps%x_by_push)
+      allocate (maps%end_v, mold=maps%end_x)
+      allocate (maps%end_state(2, 2, n), maps%size_of_push(n))
+    end if
+    maps%h = h
+    do m = 1, n
+      do i = 1, s + 1
+        t = h
+        if (i <= s) t = h*table%nodes(i, 1)
+        associate (square => frame%squares(m)*t**2, rate => frame%rates(m)*t)
+          call free_section(square, rate, by_q, by_v)
+          call driven_section(square, rate, by_order, by_order_rate)
+        end associate
+        gain = t**2*matmul(by_order, coefficients(:, :, i))
+        rate_gain = t*matmul(by_order_rate, coefficients(:, :, i))
+        if (i > s) exit
+        ! Lanes beyond the last node repeat it.
+        do l = i, merge(n_lanes, i, i == s)
+          maps%x_by_x(l, m) = by_q(1)
+          maps%v_by_x(l, m) = by_q(2)/t
+          maps%x_by_v(l, m) = t*by_v(1)
+          maps%v_by_v(l, m) = by_v(2)
+          maps%x_by_push(l, :, m) = gain
+          maps%v_by_push(l, :, m) = rate_gain
+        end do
+      end do
+      maps%end_state(:, 1, m) = [by_q(1), by_q(2)/h]
+      maps%end_state(:, 2, m) = [h*by_v(1), by_v(2)]
+      maps%end_x(:, m) = gain
+      maps%end_v(:, m) = rate_gain
+      maps%size_of_push(m) = max(maxval(sum(abs(maps%x_by_push(:, :, m)), 2)), &
+                                 h*maxval(sum(abs(maps%v_by_push(:, :, m)), 2)))
+    end do
+  end subroutine make_maps
+
+  subroutine put(self, q, v)
+    class(modal_gauss_type), intent(inout) :: self
+    real(wp), intent(in) :: q(:), v(:)
+    self%has_history = .false.
+    ! Places stay to the last digit, or a mass would not rest on a stop.
+    if (any(abs(q - self%q) > 0.0_wp)) self%x_follows = .false.
+    self%rate_follows = .false.
+    self%q = q
+    self%v = v
+  end subroutine put
+
+  !> The state at the end of a step that was not made.
+  subroutine arrive(self, q, v)
+    class(modal_gauss_type), intent(inout) :: self
+    real(wp), intent(in) :: q(:), v(:)
+    call self%put(q, v)
+    call self%phases%advance()
+  end subroutine arrive
+
+  !> One step; not made if the iteration settles from neither start.
+  subroutine step(self, system, made)
+    class(modal_gauss_type), intent(inout) :: self
+    class(driven_system_type), intent(in) :: system
+    logical, intent(out) :: made
+    real(wp) :: drive(n_lanes, size(system%drives)), push(n_lanes, size(self%x))
+    integer :: l
+
+    if (.not. self%x_follows) then
+      self%x = matmul(self%q, system%frame%to_sections)
+      self%x_rest = 0.0_wp
+    end if
+    if (.not. self%rate_follows) then
+      self%x_rate = matmul(self%v, system%frame%to_sections)
+      self%rate_rest = 0.0_wp
+    end if
+    self%x_follows = .true.
+    self%rate_follows = .true.
+    if (counting) call count_up(counted_loads, size(system%drives))
+    call self%phases%drives(1, drive)
+    if (system%timed) drive(:, size(system%drives)) = self%since + self%h*self%table%nodes(:, 1)
+    made = .false.
+    if (self%has_history) then
+      self%push = matmul(self%table%extrapolation(:, :self%table%n_nodes, 1, 1), &
+                         self%push(:self%table%n_nodes, :))
+      call self%solve(system, drive, made)
+    end if
+    if (.not. made) then
+      do l = 1, n_lanes
+        self%x_at(l, :) = self%x
+        self%rate_at(l, :) = self%x_rate
+      end do
+      call self%pushes(system, drive, push)
+      self%push = push
+      call self%solve(system, drive, made)
+    end if
+    if (.not. made) return
+    call self%move()
+    self%q = matmul(self%x, system%frame%to_coordinates)
+    self%v = matmul(self%x_rate, system%frame%to_coordinates)
+    self%has_history = .true.
+    call self%phases%advance()
+  end subroutine step
+
+  !> What acts on the sections at the nodes, from where they are.
+  subroutine pushes(self, system, drive, push)
+    class(modal_gauss_type), intent(inout) :: self
+    class(driven_system_type), intent(in) :: system
+    real(wp), intent(in) :: drive(n_lanes, size(system%drives))
+    real(wp), intent(out) :: push(n_lanes, size(self%x))
+    real(wp), dimension(n_lanes, size(self%x)) :: rest, a, sections, more
+    integer :: m, n
+
+    n = size(self%x)
+    associate (frame => system%frame)
+      call lane_product(n, n, self%x_at, frame%to_coordinates, self%q_at)
+      call lane_product(n, n, self%rate_at, frame%to_coordinates, self%v_at)
+      do m = 1, n
+        sections(:, m) = -frame%squares(m)*self%x_at(:, m) - frame%rates(m)*self%rate_at(:, m)
+      end do
+      push = 0.0_wp
+      if (allocated(frame%coupling)) then
+        call lane_product(n, n, self%x_at, frame%coupling, more)
+        push = push - more
+      end if
+      if (allocated(frame%drag)) then
+        call lane_product(n, n, self%rate_at, frame%drag, more)
+        push = push - more
+      end if
+      sections = sections + push
+      call lane_product(n, n, sections, frame%to_coordinates, rest)
+      call system%push(self%q_at, self%v_at, drive, rest, a)
+      call lane_product(n, n, a, frame%to_sections, more)
+      push = push + more
+    end associate
+    self%n_evaluations = self%n_evaluations + 1
+    if (counting) call count_up(counted_accelerations, 1)
+    if (counting) call count_up(counted_coordinates, n)
+  end subroutine pushes
+
+  !> The sections at the nodes under the pushes at hand.
+  subroutine follow(self)
+    class(modal_gauss_type), intent(inout) :: self
+    real(wp), dimension(n_lanes) :: moved, rate
+    integer :: j, m
+
+    associate (maps => self%maps(self%now))
+      do m = 1, size(self%x)
+        moved = maps%x_by_x(:, m)*self%x(m) + maps%x_by_v(:, m)*self%x_rate(m)
+        rate = maps%v_by_x(:, m)*self%x(m) + maps%v_by_v(:, m)*self%x_rate(m)
+        do j = 1, self%table%n_nodes
+          moved = moved + maps%x_by_push(:, j, m)*self%push(j, m)
+          rate = rate + maps%v_by_push(:, j, m)*self%push(j, m)
+        end do
+        self%x_at(:, m) = self%x(m) + moved
+        self%rate_at(:, m) = self%x_rate(m) + rate
+      end do
+    end associate
+  end subroutine follow
+
+  !> Fixed point of the pushes.
+  subroutine solve(self, system, drive, made)
+    class(modal_gauss_type), intent(inout) :: self
+    class(driven_system_type), intent(in) :: system
+    real(wp), intent(in) :: drive(n_lanes, size(system%drives))
+    logical, intent(out) :: made
+    real(wp) :: new(n_lanes, size(self%x)), change, before, expected, size_of, moved
+    integer :: k, m
+
+    made = .false.
+    before = 0.0_wp
+    associate (weight => self%maps(self%now)%size_of_push, s => self%table%n_nodes)
+      size_of = sum(abs(self%x)) + self%h*sum(abs(self%x_rate))
+      do k = 1, max_iterations
+        call self%follow()
+        call self%pushes(system, drive, new)
+        if (counting) call count_up(counted_turns, 1)
+        change = 0.0_wp
+        moved = 0.0_wp
+        do m = 1, size(self%x)
+          change = change + weight(m)*maxval(abs(new(:s, m) - self%push(:s, m)))
+          moved = moved + weight(m)*maxval(abs(new(:s, m)))
+        end do
+        self%push = new
+        ! An iterate that runs away is stopped before it overflows.
+        if (.not. change <= self%h**2*system%range%push) return
+        ! The next correction would shrink by the same factor again.
+        expected = change
+        if (before > change) expected = change*(change/before)
+        made = expected <= max(self%tolerance*(moved + size_of), negligible) &
+               .or. (k > 2 .and. change >= 0.5_wp*before &
+                     .and. change <= n_lanes*rounding*(moved + size_of))
+        if (made) exit
+        before = change
+      end do
+    end associate
+    if (made) made = all(abs(self%q_at) <= system%range%coordinate)
+  end subroutine solve
+
+  !> The sections to the end of the step, their sums compensated.
+  subroutine move(self)
+    class(modal_gauss_type), intent(inout) :: self
+    real(wp) :: change(2)
+    integer :: m, s
+
+    s = self%table%n_nodes
+    associate (maps => self%maps(self%now))
+      do m = 1, size(self%x)
+        change = maps%end_state(:, 1, m)*self%x(m) + maps%end_state(:, 2, m)*self%x_rate(m)
+        change = change + [dot_product(maps%end_x(:, m), self%push(:s, m)), &
+                           dot_product(maps%end_v(:, m), self%push(:s, m))]
+        call add(self%x(m), self%x_rest(m), change(1))
+        call add(self%x_rate(m), self%rate_rest(m), change(2))
+      end do
+    end associate
+  end subroutine move
+
+  !> From both ends of the step and its nodes.
+  real(wp) function least_margin(self, system, q_before, v_before) result(least)
+    class(modal_gauss_type), intent(in) :: self
+    class(driven_system_type), intent(in) :: system
+    real(wp), intent(in) :: q_before(:), v_before(:)
+    real(wp) :: ends(n_lanes, size(self%q))
+    ends = spread(self%q, 1, n_lanes)
+    ends(2, :) = q_before
+    ends(3, :) = q_before + self%h*self%table%nodes(1, 1)*v_before
+    least = min(minval(system%margin(ends)), minval(system%margin(self%q_at)))
+  end function least_margin
+
+  !> The polynomial through the nodes and both ends.
+  subroutine trace(self, system, memory, path)
+    class(modal_gauss_type), intent(in) :: self
+    class(driven_system_type), intent(in) :: system
+    real(wp), intent(in) :: memory(:)
+    type(step_path), intent(inout) :: path
+    integer :: n, s
+
+    n = system%n_dof
+    s = self%table%n_nodes
+    if (.not. allocated(path%points)) then
+      call new_path(path, [0.0_wp, self%table%nodes(:s, 1), 1.0_wp])
+    end if
+    path%h = self%h
+    path%q = spread(memory(:n), 1, s + 2)
+    path%v = spread(memory(n + 1:2*n), 1, s + 2)
+    path%q(2:s + 1, :) = self%q_at(:s, :)
+    path%v(2:s + 1, :) = self%v_at(:s, :)
+    path%q(s + 2, :) = self%q
+    path%v(s + 2, :) = self%v
+  end subroutine trace
+
+  !> Length of all that a run must know to go on bit for bit.
+  pure integer function memory_size(self)
+    class(modal_gauss_type), intent(in) :: self
+    memory_size = (6 + n_lanes)*size(self%q) + 2*size(self%phases%high) + 3
+  end function memory_size
+
+  !> State, sections, rests, phases, pushes, and which of these hold.
+  pure function save_memory(self) result(memory)
+    class(modal_gauss_type), intent(in) :: self
+    real(wp) :: memory(self%memory_size())
+    memory = [self%q, self%v, self%x, self%x_rate, self%x_rest, self%rate_rest, &
+              self%phases%high, self%phases%low, self%push, merge(1.0_wp, 0.0_wp, &
+                                                                      [self%x_follows, &
+                                                                       self%rate_follows, &
+                                                                       self%has_history])]
+  end function save_memory
+
+  subroutine load_memory(self, memory)
+    class(modal_gauss_type), intent(inout) :: self
+    real(wp), intent(in) :: memory(:)
+    integer :: i, m, n
+
+    n = size(self%q)
+    m = size(self%phases%high)
+    self%q = memory(:n)
+    self%v = memory(n + 1:2*n)
+    self%x = memory(2*n + 1:3*n)
+    self%x_rate = memory(3*n + 1:4*n)
+    self%x_rest = memory(4*n + 1:5*n)
+    self%rate_rest = memory(5*n + 1:6*n)
+    i = 6*n
+    self%phases%high = memory(i + 1:i + m)
+    self%phases%low = memory(i + m + 1:i + 2*m)
+    i = i + 2*m
+    self%push = reshape(memory(i + 1:i + n_lanes*n), [n_lanes, n])
+    i = i + n_lanes*n
+    self%x_follows = memory(i + 1) > 0.5_wp
+    self%rate_follows = memory(i + 2) > 0.5_wp
+    self%has_history = memory(i + 3) > 0.5_wp
+  end subroutine load_memory
+
+  !> total + change, keeping what rounding leaves out for the next time.
+  pure subroutine add(total, rest, change)
+    real(wp), intent(inout) :: total, rest
+    real(wp), intent(in) :: change
+    real(wp) :: increment, new
+    increment = change + rest
+    new = total + increment
+    rest = increment - (new - total)
+    total = new
+  end subroutine add
+
+end module viscovib_modal_gauss
