@@ -44,15 +44,17 @@ def test_against_scipy_from_switch_to_switch():
 
 
 #: Elements of the first three coordinates, a case each.
+SLIDER = 'vv.Jenkins(on="x2", stiffness=3, limit=0.1)'
+STICKS = "vv.Spring(on='x2', law='0.2*sign(v)')"
 PARTS = {
     "kink": 'vv.Spring(on="x2", law="5*max(d - 0.1, 0) + d*abs(v)")',
-    "sticks": "vv.Spring(on=\"x2\", law='0.2*sign(v)')",
-    "sticks and turns": 'vv.Jenkins(on="x2", stiffness=3, limit=0.1), vv.Spring(on="x2", law=\'0.2*sign(v)\')',
+    "sticks": STICKS,
+    "sticks and turns": f"{SLIDER}, {STICKS}",
     "Iwan": 'vv.Iwan(on={"x1": 1, "x3": -1}, stiffness=[2, 3], limit=[0.1, 0.3])',
     "BoucWen": 'vv.BoucWen(on="x2", stiffness=3, ratio=0.1, beta=5, gamma=2, exponent=1.5)',
     "Dahl": 'vv.Dahl(on="x2", stiffness=3, limit=0.2)',
     "stop": 'vv.Stop(on="x2", gap=0.1, restitution=0.6)',
-    "stop and slider": 'vv.Stop(on="x1", gap=0.1, restitution=0), vv.Jenkins(on="x2", stiffness=3, limit=0.1)',
+    "stop and slider": f'vv.Stop(on="x1", gap=0.1, restitution=0), {SLIDER}',
 }
 
 
@@ -101,8 +103,14 @@ def test_stiff_modes_need_no_steps():
     s = length
     own = np.array([[12, 6 * s, -12, 6 * s], [6 * s, 4 * s**2, -6 * s, 2 * s**2],
                     [-12, -6 * s, 12, -6 * s], [6 * s, 2 * s**2, -6 * s, 4 * s**2]])  # fmt: skip
-    heavy = np.array([[156, 22 * s, 54, -13 * s], [22 * s, 4 * s**2, 13 * s, -3 * s**2],
-                      [54, 13 * s, 156, -22 * s], [-13 * s, -3 * s**2, -22 * s, 4 * s**2]])  # fmt: skip
+    heavy = np.array(
+        [
+            [156, 22 * s, 54, -13 * s],
+            [22 * s, 4 * s**2, 13 * s, -3 * s**2],
+            [54, 13 * s, 156, -22 * s],
+            [-13 * s, -3 * s**2, -22 * s, 4 * s**2],
+        ]
+    )
     for i in range(m):
         at = np.ix_(range(2 * i, 2 * i + 4), range(2 * i, 2 * i + 4))
         k[at] += own / s**3

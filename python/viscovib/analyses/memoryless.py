@@ -127,7 +127,7 @@ def polynomial_runs(
     nu: float | None,
     force: LoadTable | None,
     solved: float,
-    seen: FloatArray = nothing(0),
+    seen: FloatArray | None = None,
 ) -> tuple[Callable[[float], Run], int]:
     """Return what makes a run with a step, and the steps to begin with.
 
@@ -156,7 +156,7 @@ def polynomial_runs(
     name = "gauss8" if method == "auto" else method
     # Steps must see the highest order of the load.
     highest = frequency * max(acting, default=0)
-    fastest = system._fastest() if n <= MAX_DOF else _pace(system, seen)
+    fastest = system._fastest() if n <= MAX_DOF or seen is None else _pace(system, seen)
     many = end * max(fastest, highest) / (0.5 * math.pi)
     steps = max(1, math.ceil(min(many, 2.0 * MAX_STEPS)))
     pushed = [False] * n if force is None else [bool(one.any()) for one in pieces]

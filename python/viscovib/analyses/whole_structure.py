@@ -1,4 +1,4 @@
-"""Structures of up to 64 coordinates in time by their whole equations: steps end where laws switch."""
+"""Structures of up to 64 coordinates in time, whole: steps end where laws switch."""
 
 from __future__ import annotations
 
