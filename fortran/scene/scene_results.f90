@@ -218,7 +218,8 @@ contains
     else
       call read_frequency(reader, subject%load, own%nu)
       if (.not. reader%status%failed()) then
-        call new_polynomial_motion(system, subject%polynomial, subject%load, own%nu, status)
+        call new_polynomial_motion(system, subject%polynomial, subject%load, own%nu, status, &
+                                   in_sections=.true.)
         call reader%place(status)
         ! A structure by its whole equations may begin at rest.
         if (.not. status%failed()) call read_transient(reader, system, motion, &

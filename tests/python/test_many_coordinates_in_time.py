@@ -148,3 +148,21 @@ def test_what_is_refused_says_why():
     assert run.outcome == "completed"
     run = vv.simulate(chain(N, kink), 1, load=push(N), nu=0.7, dt=0.1, coordinates=["x1"])
     assert run.state.shape == (11, 2)
+
+
+def test_scenes_end_steps_at_kinks_too(tmp_path):
+    """A scene ends where Python does."""
+    numbers = ", ".join(["1"] * 8)
+    text = f"""&structure mass = {numbers}, stiffness = {numbers}, damping = {numbers} /
+&element on = 'x1', 'x2', law = '5*max(d - 0.1, 0) + 0.3*d' /
+&load on = 'x1', amplitude = 0.8 /
+&transient t_end = 12, nu = 0.9, tolerance = 1e-10 /
+"""
+    path = tmp_path / "scene.nml"
+    path.write_text(text)
+    scene = vv.Scene.read(path)
+    run = vv.simulate(scene.structure(), 12, load={"x1": 0.8}, nu=0.9, tolerance=1e-10)
+    table = tmp_path / "table.csv"
+    vv.run(scene).to_csv(table)
+    last = np.array(table.read_text().splitlines()[-1].split(",")[1:17], dtype=float)
+    np.testing.assert_allclose(last, run.state[-1], atol=1e-11)
