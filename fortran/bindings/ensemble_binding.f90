@@ -11,7 +11,8 @@ subroutine polynomial_ensemble(flat, n_flat, orders, series, n_rows, n_series, o
                                amplitudes, sections, lyapunov, missed, status)
   use, intrinsic :: iso_c_binding, only: c_double, c_double_complex, c_int, c_long
   use viscovib_binding_tools, only: make_load, report
-  use viscovib_ensemble, only: ensemble_block, ensemble_job, run_block
+  use viscovib_ensemble, only: blocks_of, check_method, ensemble_block, ensemble_job, &
+    run_block, run_together
   use viscovib_ensemble_tools, only: empty_block, fill_block
   use viscovib_lane_motion, only: lane_motion_type, new_lane_motion
   use viscovib_lanes, only: n_lanes
@@ -38,11 +39,12 @@ subroutine polynomial_ensemble(flat, n_flat, orders, series, n_rows, n_series, o
   !f2py threadsafe
   type(polynomial_type) :: system
   type(lane_motion_type) :: motion
+  type(lane_motion_type), allocatable :: motions(:)
   type(load_type) :: load
   type(ensemble_job) :: job
-  type(ensemble_block) :: block
+  type(ensemble_block), allocatable :: blocks(:)
   type(status_type) :: outcome
-  integer :: first, i, l
+  integer :: b, begin, first, i, l, many
 
   job%method = method
   job%n_steps = n_steps
@@ -59,20 +61,34 @@ subroutine polynomial_ensemble(flat, n_flat, orders, series, n_rows, n_series, o
   call polynomial_from_vector(system, flat, outcome)
   if (.not. outcome%failed()) call make_load(load, orders, series, outcome)
   if (.not. outcome%failed()) call new_lane_motion(motion, system, load, own)
-  do first = 1, n, n_lanes
+  if (.not. outcome%failed()) call check_method(job, motion, outcome)
+  allocate (motions(blocks_of(job)), source=motion)
+  allocate (blocks(size(motions)))
+  do begin = 1, n, n_lanes*size(blocks)
     if (outcome%failed()) exit
-    call fill_block(block, first, 2, n_sections, initial, h, sections)
-    do l = 1, n_lanes
-      i = min(first + l - 1, n)
-      call motion%set_scales(l, scales(:, i))
-      block%frequencies(l, :) = nu(i)
+    many = min(size(blocks), (n - begin)/n_lanes + 1)
+    do b = 1, many
+      first = begin + n_lanes*(b - 1)
+      call fill_block(blocks(b), first, 2, n_sections, initial, h, sections)
+      do l = 1, n_lanes
+        i = min(first + l - 1, n)
+        call motions(b)%set_scales(l, scales(:, i))
+        blocks(b)%frequencies(l, :) = nu(i)
+      end do
     end do
-    call run_block(job, motion, block, cancel(1))
-    do l = 1, min(n_lanes, n - first + 1)
-      if (block%missed(l)) missed(first + l - 1) = 1
+    if (size(blocks) > 1) then
+      call run_together(job, motions(:many), blocks(:many), cancel(1))
+    else
+      call run_block(job, motions(1), blocks(1), cancel(1))
+    end if
+    do b = 1, many
+      first = begin + n_lanes*(b - 1)
+      do l = 1, min(n_lanes, n - first + 1)
+        if (blocks(b)%missed(l)) missed(first + l - 1) = 1
+      end do
+      call empty_block(blocks(b), first, state, ended, t_reached, peak, mean, rms, amplitudes, &
+                       sections, lyapunov)
     end do
-    call empty_block(block, first, state, ended, t_reached, peak, mean, rms, amplitudes, sections, &
-                     lyapunov)
     if (is_set(cancel(1))) exit
   end do
   call report(outcome, status)

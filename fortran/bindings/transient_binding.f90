@@ -103,7 +103,7 @@ subroutine pendulum_ensemble(flat, n, initial, h, method, n_steps, n_discard, ah
                              peak, mean, rms, amplitudes, sections, lyapunov, status)
   use, intrinsic :: iso_c_binding, only: c_double, c_double_complex, c_int, c_long
   use viscovib_binding_tools, only: make_pendulum, report
-  use viscovib_ensemble, only: ensemble_block, ensemble_job, run_block
+  use viscovib_ensemble, only: check_method, ensemble_block, ensemble_job, run_block
   use viscovib_ensemble_tools, only: empty_block, fill_block
   use viscovib_lanes, only: n_lanes
   use viscovib_pendulum, only: pendulum_type
@@ -148,6 +148,7 @@ subroutine pendulum_ensemble(flat, n, initial, h, method, n_steps, n_discard, ah
       call system%set_lane(l, other)
       block%frequencies(l, :) = other%drives
     end do
+    if (.not. outcome%failed()) call check_method(job, system, outcome)
     if (outcome%failed()) exit
     call run_block(job, system, block, cancel(1))
     call empty_block(block, first, state, ended, t_reached, peak, mean, rms, amplitudes, sections, &

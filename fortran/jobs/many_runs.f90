@@ -3,7 +3,8 @@
 !! made again by itself, in parts that see it.
 module viscovib_many_runs
   use viscovib_constants, only: pi
-  use viscovib_ensemble, only: ensemble_block, ensemble_job, run_block
+  use viscovib_ensemble, only: blocks_of, check_method, ensemble_block, ensemble_job, run_block, &
+    run_together
   use viscovib_explicit_tables, only: lane_methods
   use viscovib_kinds, only: i8, wp
   use viscovib_lane_motion, only: lane_motion_type, n_scales, new_lane_motion
@@ -204,11 +205,12 @@ contains
     type(many_motions), intent(out) :: many
     type(status_type), intent(out) :: status
     type(ensemble_job) :: job
-    type(ensemble_block) :: block
+    type(ensemble_block), allocatable :: blocks(:)
     type(lane_motion_type) :: motion
+    type(lane_motion_type), allocatable :: motions(:)
     type(pendulum_type) :: pendulum
     real(wp) :: own(size(self%starts, 1)/2, size(self%starts, 1)/2, 2), discarded
-    integer :: cancel, d, first, i, l, m, n_drives, points
+    integer :: b, begin, cancel, d, first, i, l, last, m, points
 
     call set_ok(status)
     if (self%n_first == 0) self%n_first = n
@@ -216,8 +218,6 @@ contains
     d = size(self%starts, 1)/2
     cancel = 0
     points = 0
-    n_drives = 2
-    if (self%subject%is_pendulum) n_drives = size(self%subject%pendulum%drives)
     job%method = self%method
     job%n_steps = n
     job%moments = self%moments
@@ -241,32 +241,68 @@ contains
       own(:, :, 2) = self%subject%polynomial%damping
       call new_lane_motion(motion, self%subject%polynomial, self%subject%load, own)
     end if
-    do first = 1, m, n_lanes
-      block = ensemble_block()
-      allocate (block%q(n_lanes, d), block%v(n_lanes, d))
-      allocate (block%frequencies(n_lanes, n_drives))
-      allocate (block%sections(n_lanes, 2*d, points), source=0.0_wp)
-      do l = 1, n_lanes
-        i = min(first + l - 1, m)
-        block%q(l, :) = self%starts(1::2, i)
-        block%v(l, :) = self%starts(2::2, i)
-        block%h(l) = self%spans(i)/n
-        call set_lane(self, i, l, motion, pendulum, block%frequencies(l, :), status)
+    if (self%subject%is_pendulum) then
+      call self%pendulum_of(1, pendulum, status)
+      if (.not. status%failed()) call check_method(job, pendulum, status)
+    else
+      call check_method(job, motion, status)
+    end if
+    if (status%failed()) return
+    allocate (blocks(blocks_of(job)), motions(blocks_of(job)))
+    do begin = 1, m, n_lanes*size(blocks)
+      last = min(size(blocks), (m - begin)/n_lanes + 1)
+      do b = 1, last
+        motions(b) = motion
+        call fill_block(self, n, begin + n_lanes*(b - 1), points, motions(b), pendulum, blocks(b), &
+                        status)
         if (status%failed()) return
       end do
       if (self%subject%is_pendulum) then
-        call run_block(job, pendulum, block, cancel)
+        call run_block(job, pendulum, blocks(1), cancel)
+      else if (size(blocks) > 1) then
+        call run_together(job, motions(:last), blocks(:last), cancel)
       else
-        call run_block(job, motion, block, cancel)
+        call run_block(job, motions(1), blocks(1), cancel)
       end if
-      do l = 1, min(n_lanes, m - first + 1)
-        call take(block, l, many, first + l - 1)
+      do b = 1, last
+        first = begin + n_lanes*(b - 1)
+        do l = 1, min(n_lanes, m - first + 1)
+          call take(blocks(b), l, many, first + l - 1)
+        end do
       end do
     end do
     do i = 1, m
       if (.not. status%failed() .and. many%missed(i)) call self%make_alone(i, job, many, status)
     end do
   end subroutine make
+
+  !> A block that begins with motion `first`; lanes past the last motion repeat it.
+  subroutine fill_block(self, n, first, points, motion, pendulum, block, status)
+    type(many_runs), intent(in) :: self
+    integer(i8), intent(in) :: n
+    integer, intent(in) :: first, points
+    type(lane_motion_type), intent(inout) :: motion
+    type(pendulum_type), intent(inout) :: pendulum
+    type(ensemble_block), intent(out) :: block
+    type(status_type), intent(out) :: status
+    integer :: d, i, l, n_drives
+
+    call set_ok(status)
+    d = size(self%starts, 1)/2
+    n_drives = 2
+    if (self%subject%is_pendulum) n_drives = size(self%subject%pendulum%drives)
+    allocate (block%q(n_lanes, d), block%v(n_lanes, d))
+    allocate (block%frequencies(n_lanes, n_drives))
+    allocate (block%sections(n_lanes, 2*d, points), source=0.0_wp)
+    do l = 1, n_lanes
+      i = min(first + l - 1, size(self%starts, 2))
+      block%q(l, :) = self%starts(1::2, i)
+      block%v(l, :) = self%starts(2::2, i)
+      block%h(l) = self%spans(i)/n
+      call set_lane(self, i, l, motion, pendulum, block%frequencies(l, :), status)
+      if (status%failed()) return
+    end do
+  end subroutine fill_block
 
   !> The numbers of motion i in a lane, and the frequencies of its loads.
   subroutine set_lane(self, i, l, motion, pendulum, frequencies, status)
@@ -332,7 +368,7 @@ contains
     type(watch_type) :: watch
     real(wp) :: no_times(0), no_states(size(self%starts, 1), 0), h, since, length
     integer(i8) :: every, made, k
-    integer :: n_reached
+    integer :: method, n_reached
 
     every = job%n_steps
     if (job%section_every > 0) every = job%section_every
@@ -352,8 +388,10 @@ contains
     h = self%spans(i)/job%n_steps
     motion%longest = self%spans(i)/self%n_first
     motion%thin = h/motion%longest
-    call new_stepper(stepper, motion, findloc(transient_methods, lane_methods(self%method), 1), &
-                     self%starts(1::2, i), self%starts(2::2, i), 0.0_wp, h, solved)
+    ! A method that is of motions side by side only gives way to the first.
+    method = max(1, findloc(transient_methods, lane_methods(self%method), 1))
+    call new_stepper(stepper, motion, method, self%starts(1::2, i), self%starts(2::2, i), &
+                     0.0_wp, h, solved)
     allocate (states(size(self%starts, 1), job%n_steps/every))
     since = h*(job%n_discard - job%ahead)
     length = h*job%n_steps - since

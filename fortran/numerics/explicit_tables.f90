@@ -21,8 +21,10 @@ module viscovib_explicit_tables
   character(len=*), parameter, public :: explicit_names(4) = &
     [character(len=8) :: 'rk4', 'dop8', 'verner8', 'verner9']
   !> Methods of many trajectories at once.
-  character(len=*), parameter, public :: lane_methods(6) = &
-    [character(len=8) :: explicit_names, 'gauss8', 'gauss16']
+  character(len=*), parameter, public :: lane_methods(7) = &
+    [character(len=8) :: explicit_names, 'gauss8', 'gauss16', 'taylor20']
+  !> The last of them has no table: see `viscovib_taylor`.
+  integer, parameter, public :: taylor_20 = 7
   !> Accelerations that predict the next one of a collocation.
   integer, parameter :: most_predicting = 10
 

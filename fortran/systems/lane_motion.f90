@@ -23,14 +23,14 @@ module viscovib_lane_motion
   integer, parameter :: of_load = 1, of_stiffness = 2, of_damping = 3, of_forces = 4
 
   type, extends(differentiable_system_type) :: lane_motion_type
-    type(monomial_type), allocatable, private :: monomials(:)
-    type(law_term), allocatable, private :: laws(:)
-    integer, allocatable, private :: orders(:)
+    type(monomial_type), allocatable :: monomials(:)
+    type(law_term), allocatable :: laws(:)
+    integer, allocatable :: orders(:)
     !> M^(-1) times K, C, each monomial, each law and both parts of P_k, with their scales, lane
     !! first; of one system: K and C that are scaled, what is not (of laws), what is as laws are,
     !! as for all lanes.
-    real(wp), allocatable, private :: stiffness(:, :, :), damping(:, :, :), weights(:, :, :)
-    real(wp), allocatable, private :: law_weights(:, :, :), real_load(:, :, :), load(:, :, :)
+    real(wp), allocatable :: stiffness(:, :, :), damping(:, :, :), weights(:, :, :)
+    real(wp), allocatable :: law_weights(:, :, :), real_load(:, :, :), load(:, :, :)
     real(wp), allocatable, private :: own(:, :, :), rest(:, :, :), of_laws(:, :, :)
     real(wp), allocatable, private :: plain(:, :), plain_laws(:, :)
     complex(wp), allocatable, private :: plain_load(:, :)

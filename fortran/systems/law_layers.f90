@@ -80,15 +80,20 @@ contains
 
   !> How many times as far as a polynomial follows what forces depend on goes in a step, of the
   !! thinnest layer.
-  real(wp) function thinness_at(self, t, places, q, v, apart)
+  real(wp) function thinness_at(self, t, places, q, v, apart, enough)
     class(law_layers), intent(in) :: self
     !> As in `thinness`.
     real(wp), intent(in) :: t(:), places(:), q(:, :), v(:, :)
     logical, intent(in) :: apart
+    !> What matters is only whether it is above; without: `unseen`.
+    real(wp), intent(in), optional :: enough
+    real(wp) :: most
     integer :: i
+    most = unseen
+    if (present(enough)) most = enough
     thinness_at = 0.0_wp
     do i = 1, size(self%layers)
-      thinness_at = max(thinness_at, thinness(self%layers(i), t, places, q, v, apart))
+      thinness_at = max(thinness_at, thinness(self%layers(i), t, places, q, v, apart, most))
     end do
   end function thinness_at
 
@@ -143,12 +148,14 @@ contains
 
   !> How many times as far an operand goes in a step as a polynomial follows; up to 1: it is
   !! followed.
-  real(wp) function thinness(layer, t, places, q, v, apart)
+  real(wp) function thinness(layer, t, places, q, v, apart, most)
     type(layer_type), intent(in) :: layer
     !> Times; places to which they belong, ascending; states there, shape (n, n_dof).
     real(wp), intent(in) :: t(:), places(:), q(:, :), v(:, :)
     !> The states are at ends of steps, of which the thinnest layer counts; else inside of one.
     logical, intent(in) :: apart
+    !> What all values together may have, so that those of each step are not looked at.
+    real(wp), intent(in) :: most
     real(wp) :: z(size(t)), low, high
     integer :: first, i, last
 
@@ -164,7 +171,7 @@ contains
     low = minval(z)
     high = maxval(z)
     thinness = of_range(layer%code, z, 1.5_wp*low - 0.5_wp*high, 1.5_wp*high - 0.5_wp*low, 0.0_wp)
-    if (thinness > 0.0_wp .and. thinness <= unseen) return
+    if (thinness > 0.0_wp .and. thinness <= most) return
     thinness = 0.0_wp
     do i = 1, size(z) - 1
       first = max(i - 1, 1)

@@ -1,83 +1,29 @@
-!> Many trajectories of one kind of system, eight at a time in the lanes; what is
-!! learnt from them is gathered as they pass.
+!> Many trajectories of one kind of system, eight at a time in the lanes, or by Taylor's method four
+!! times as many.
 module viscovib_ensemble
-  use, intrinsic :: ieee_arithmetic, only: ieee_all, ieee_get_halting_mode, ieee_quiet_nan, &
-    ieee_set_flag, ieee_set_halting_mode, ieee_value
+  use, intrinsic :: ieee_arithmetic, only: ieee_all, ieee_get_halting_mode, ieee_set_flag, &
+    ieee_set_halting_mode
   use viscovib_driven_system, only: differentiable_system_type, driven_system_type
-  use viscovib_explicit, only: explicit_type, new_explicit
+  use viscovib_explicit_tables, only: lane_methods, taylor_20
+  use viscovib_flight, only: after_step, before_step, ensemble_block, ensemble_job, flight_type, &
+    gather, land, take_off
   use viscovib_kinds, only: i8, wp
-  use viscovib_lane_lines, only: lines_type, new_lines
-  use viscovib_lane_moments, only: moments_type, new_moments
-  use viscovib_lanes, only: max_dof, n_lanes
-  use viscovib_layer_watch, only: layer_watch
-  use viscovib_run_history, only: run_history
+  use viscovib_lane_motion, only: lane_motion_type
+  use viscovib_lanes, only: n_lanes
+  use viscovib_motion_series, only: motion_series, new_motion_series
+  use viscovib_status, only: fail, set_ok, status_input_error, status_type
   use viscovib_stopping, only: is_set
   use viscovib_subnormals, only: flushing_type
-  use viscovib_stops, only: find_stop, least_between, needs_small_steps, run_coarse, &
-    run_completed, stop_type
   use viscovib_tangent_system, only: new_tangent_system, tangent_system_type
+  use viscovib_taylor, only: new_taylor, taylor_type
+  use viscovib_wide_series, only: n_blocks, n_wide
   implicit none
   private
 
-  public :: ensemble_job, ensemble_block, run_block
+  public :: blocks_of, check_method, ensemble_job, ensemble_block, run_block, run_together
 
   !> Steps between two looks at whether the run is to be given up.
   integer, parameter :: patience = 512
-  !> Steps between two rescalings of a disturbance.
-  integer, parameter :: rescaling = 8
-
-  !> What to do with every trajectory.
-  type :: ensemble_job
-    !> Place in `lane_methods`.
-    integer :: method = 3
-    !> Steps in all; those before anything is gathered; between samples of lines; between
-    !! two points of a section (0: none wanted).
-    integer(i8) :: n_steps = 1, n_discard = 0, sample_every = 1, section_every = 0
-    !> Peaks, means and rms of the motion, which begin so much of a step before the others.
-    logical :: moments = .false.
-    real(wp) :: ahead = 0.0_wp
-    !> Exponents wanted, from the largest on.
-    integer :: n_exponents = 0
-    !> Circular frequencies of lines wanted.
-    real(wp), allocatable :: lines(:)
-  end type ensemble_job
-
-  !> A block of trajectories, and what was learnt. Lane first.
-  type :: ensemble_block
-    !> Before: start. After: the last state, that at t_reached, shape (n_lanes, n_dof).
-    real(wp), allocatable :: q(:, :), v(:, :)
-    !> Load frequencies, shape (n_lanes, n_drives); steps.
-    real(wp), allocatable :: frequencies(:, :)
-    real(wp) :: h(n_lanes) = 0.0_wp
-    integer :: outcome(n_lanes) = run_completed
-    real(wp) :: t_reached(n_lanes) = 0.0_wp
-    real(wp), allocatable :: peak(:, :, :), mean(:, :, :), rms(:, :, :)
-    complex(wp), allocatable :: lines(:, :, :)
-    !> q and v of each section point, shape (n_lanes, 2 n_dof, n_points).
-    real(wp), allocatable :: sections(:, :, :)
-    !> Mean rates of growth of small disturbances, shape (n_lanes, n_exponents); NaN of a motion
-    !! that stops.
-    real(wp), allocatable :: lyapunov(:, :)
-    !> Whether steps may have missed a thin layer of a force.
-    logical :: missed(n_lanes) = .false.
-  end type ensemble_block
-
-  !> A block on its way: where its lanes are, how near to a stop, and what is gathered.
-  type :: flight_type
-    !> Coordinates of the motion itself; the others are its disturbance.
-    integer :: n = 0
-    type(explicit_type) :: method
-    !> The same motion with further disturbances, one each.
-    type(explicit_type), allocatable :: others(:)
-    type(moments_type) :: moments
-    type(lines_type) :: lines
-    real(wp), allocatable :: q(:, :), v(:, :), q_before(:, :), v_before(:, :)
-    real(wp), dimension(n_lanes) :: margin = 0.0_wp, rate = 0.0_wp
-    real(wp), allocatable :: growth(:, :)
-    logical :: alive(n_lanes) = .true.
-    !> States before, times in steps.
-    type(run_history) :: past
-  end type flight_type
 
 contains
 
@@ -106,359 +52,131 @@ contains
     integer, intent(inout) :: cancel
     type(flight_type) :: f
     type(flushing_type) :: flushing
-    type(layer_watch) :: layers(n_lanes)
     integer(i8) :: i
-    integer :: n
-    logical :: halting(size(ieee_all))
+    integer :: l
+    logical :: good(n_lanes), halting(size(ieee_all))
 
-    n = motion%n_dof
     call flushing%begin()
     ! Within a step a motion may leave the range of numbers, which is told by what comes out.
     call ieee_get_halting_mode(ieee_all, halting)
     call ieee_set_halting_mode(ieee_all, .false.)
-    call take_off(f, job, system, n, block)
-    call watch_layers(f, motion, block, 0_i8, layers)
+    call take_off(f, job, system, motion, block)
     do i = 1, job%n_steps
       if (mod(i, int(patience, i8)) == 0) then
         if (is_set(cancel)) exit
         if (.not. any(f%alive)) exit
       end if
-      call make_step(f, job, system, motion, block, i)
-      if (layers(1)%on) call watch_layers(f, motion, block, i, layers, i == job%n_steps)
-      if (job%moments .and. i >= job%n_discard - 2) call gather(f, system, job, i)
-      if (system%n_dof > n .and. (mod(i, int(rescaling, i8)) == 0 .or. i == job%n_discard &
-                                  .or. i == job%n_steps)) call rescale(f, i <= job%n_discard)
-      if (i <= job%n_discard) cycle
-      if (f%lines%n > 0 .and. mod(i - job%n_discard, job%sample_every) == 0) then
-        call f%lines%add(f%q, f%alive)
+      call before_step(f, i)
+      call f%method%step(system)
+      call f%method%get_state(f%q, f%v)
+      good = f%method%made
+      if (allocated(f%others)) then
+        do l = 1, size(f%others)
+          call f%others(l)%step(system)
+          good = good .and. f%others(l)%made
+        end do
       end if
-      if (job%section_every > 0) then
-        if (mod(i - job%n_discard, job%section_every) == 0) then
-          call keep_section(f, int((i - job%n_discard)/job%section_every), block)
-        end if
-      end if
+      call after_step(f, job, system, motion, block, i, good)
     end do
     call land(f, job, block)
     call ieee_set_flag(ieee_all, .false.)
     call ieee_set_halting_mode(ieee_all, halting)
   end subroutine run
 
-  !> Which lanes may have missed a thin layer of a force until step i.
-  subroutine watch_layers(f, motion, block, i, layers, last)
-    type(flight_type), intent(in) :: f
-    class(differentiable_system_type), intent(in) :: motion
-    type(ensemble_block), intent(inout) :: block
-    integer(i8), intent(in) :: i
-    type(layer_watch), intent(inout) :: layers(n_lanes)
-    logical, intent(in), optional :: last
-    real(wp) :: t
-    integer :: l
-
-    do l = 1, n_lanes
-      if (.not. f%alive(l) .or. block%missed(l)) cycle
-      t = real(i, wp)*block%h(l)
-      if (i == 0) then
-        call layers(l)%begin(motion, t, f%q(l, :f%n), f%v(l, :f%n))
-        cycle
-      end if
-      call layers(l)%see(motion, t, f%q(l, :f%n), f%v(l, :f%n), block%missed(l))
-      if (last .and. .not. block%missed(l)) block%missed(l) = layers(l)%look(motion)
-    end do
-  end subroutine watch_layers
-
-  !> Everything as it is at time 0.
-  subroutine take_off(f, job, system, n, block)
-    type(flight_type), intent(out) :: f
+  !> Run blocks of one kind of system side by side, by Taylor's method.
+  subroutine run_together(job, motions, blocks, cancel)
     type(ensemble_job), intent(in) :: job
-    class(driven_system_type), intent(in) :: system
-    integer, intent(in) :: n
-    type(ensemble_block), intent(in) :: block
-    integer(i8) :: n_samples
-    f%n = n
-    allocate (f%q(n_lanes, system%n_dof), f%v(n_lanes, system%n_dof), source=0.0_wp)
-    f%q(:, :n) = block%q
-    f%v(:, :n) = block%v
-    ! A disturbance in no special direction.
-    if (system%n_dof > n) f%q(:, n + 1:) = 1.0_wp/sqrt(real(n, wp))
-    allocate (f%growth(n_lanes, max(job%n_exponents, 1)), source=0.0_wp)
-    f%q_before = f%q
-    f%v_before = f%v
-    call new_explicit(f%method, system%n_dof, job%method, block%frequencies, f%q, f%v, 0.0_wp, &
-                      block%h)
-    if (allocated(system%quarters)) call f%method%turn_phases(system%quarters)
-    if (job%n_exponents > 1) call take_others(f, n, job%n_exponents - 1)
+    !> A system of each block; as many as `blocks_of` says, or less: then some lanes are idle.
+    type(lane_motion_type), intent(in) :: motions(:)
+    type(ensemble_block), intent(inout) :: blocks(:)
+    integer, intent(inout) :: cancel
+    type(flight_type) :: f(size(blocks))
+    type(taylor_type) :: taylor
+    type(flushing_type) :: flushing
+    real(wp), dimension(n_wide, motions(1)%n_dof) :: q, v
+    real(wp) :: frequencies(n_wide), h(n_wide)
+    integer(i8) :: i
+    integer :: b, first, l, last
+    logical :: good(n_lanes), alive(n_lanes), halting(size(ieee_all))
+
+    call flushing%begin()
+    call ieee_get_halting_mode(ieee_all, halting)
+    call ieee_set_halting_mode(ieee_all, .false.)
+    q = 0.0_wp
+    v = 0.0_wp
+    frequencies = 0.0_wp
+    h = 0.0_wp
+    do b = 1, size(blocks)
+      call take_off(f(b), job, motions(b), motions(b), blocks(b))
+      first = n_lanes*(b - 1) + 1
+      last = n_lanes*b
+      q(first:last, :) = f(b)%q
+      v(first:last, :) = f(b)%v
+      frequencies(first:last) = blocks(b)%frequencies(:, 1)
+      h(first:last) = blocks(b)%h
+    end do
+    call new_taylor(taylor, motions, frequencies, q, v, h)
     if (job%moments) then
-      call new_moments(f%moments, n, block%h)
-      if (job%n_discard <= 2) call gather(f, system, job, 0_i8)
+      call taylor%expand_first()
+      do b = 1, size(blocks)
+        call taylor%get_accelerations(b, .false., f(b)%a)
+        call gather(f(b), motions(b), job, 0_i8)
+      end do
     end if
-    n_samples = (job%n_steps - job%n_discard)/job%sample_every
-    call new_lines(f%lines, n, job%lines, &
-                   block%h*real(job%n_discard + job%sample_every, wp), &
-                   block%h*real(job%sample_every, wp), n_samples)
-    call measure_margin(f, system, block%h)
-  end subroutine take_off
-
-  !> Take in what counts of step i, which ends here; its end alone of one before.
-  subroutine gather(f, system, job, i)
-    type(flight_type), intent(inout) :: f
-    class(driven_system_type), intent(in) :: system
-    type(ensemble_job), intent(in) :: job
-    integer(i8), intent(in) :: i
-    real(wp) :: a(n_lanes, max_dof)
-
-    call f%method%get_accelerations(system, a)
-    if (i > job%n_discard) then
-      call f%moments%add(f%q, f%v, a, f%alive, 1.0_wp)
-    else if (i == job%n_discard .and. job%ahead > 0.0_wp) then
-      call f%moments%add(f%q, f%v, a, f%alive, job%ahead)
-    else
-      call f%moments%begin(f%q, f%v, a)
-    end if
-  end subroutine gather
-
-  !> Further disturbances, each along a coordinate or a velocity of its own.
-  subroutine take_others(f, n, count)
-    type(flight_type), intent(inout) :: f
-    integer, intent(in) :: n, count
-    real(wp) :: q(n_lanes, 2*n), v(n_lanes, 2*n)
-    integer :: j
-
-    allocate (f%others(count))
-    do j = 1, count
-      f%others(j) = f%method
-      q = f%q
-      v = f%v
-      q(:, n + 1:) = 0.0_wp
-      v(:, n + 1:) = 0.0_wp
-      if (j <= n) then
-        v(:, n + j) = 1.0_wp
-      else
-        q(:, j) = 1.0_wp
+    do i = 1, job%n_steps
+      if (mod(i, int(patience, i8)) == 0) then
+        if (is_set(cancel)) exit
+        if (.not. any([(any(f(b)%alive), b=1, size(f))])) exit
       end if
-      call f%others(j)%set_from(n + 1, q, v)
-    end do
-    call rescale(f, .true.)
-  end subroutine take_others
-
-  !> Step i; lanes in which the motion stops within it stand still from then on.
-  subroutine make_step(f, job, system, motion, block, i)
-    type(flight_type), intent(inout) :: f
-    type(ensemble_job), intent(in) :: job
-    class(driven_system_type), intent(in) :: system
-    class(differentiable_system_type), intent(in) :: motion
-    type(ensemble_block), intent(inout) :: block
-    integer(i8), intent(in) :: i
-    real(wp), dimension(n_lanes) :: margin_before, rate_before, least
-    logical, dimension(n_lanes) :: good, doubtful
-    integer :: l
-
-    f%q_before(:, :) = f%q
-    f%v_before(:, :) = f%v
-    if (f%past%is_due()) call f%past%note(real(i - 1, wp), f%q, f%v)
-    margin_before = f%margin
-    rate_before = f%rate
-    call f%method%step(system)
-    call f%method%get_state(f%q, f%v)
-    if (allocated(f%others)) then
-      do l = 1, size(f%others)
-        call f%others(l)%step(system)
-      end do
-    end if
-    good = f%method%made
-    if (allocated(f%others)) then
-      do l = 1, size(f%others)
-        good = good .and. f%others(l)%made
-      end do
-    end if
-    good = good .and. sum(abs(f%q(:, :f%n)), 2)/system%range%coordinate &
-           + sum(abs(f%v(:, :f%n)), 2)/system%range%speed <= 1.0_wp
-    call measure_margin(f, system, block%h)
-    doubtful = f%alive .and. .not. good
-    if (system%limited) then
-      least = least_between(margin_before, rate_before, f%margin, f%rate)
-      if (f%method%table%implicit) least = min(least, f%method%margin_at_nodes(system))
-      do l = 1, n_lanes
-        if (doubtful(l) .or. .not. f%alive(l)) cycle
-        doubtful(l) = needs_small_steps(motion, l, f%q_before(l, :f%n), f%v_before(l, :f%n), &
-                                        block%h(l), least(l))
-      end do
-    end if
-    if (.not. any(doubtful)) return
-    do l = 1, n_lanes
-      if (doubtful(l)) call judge_lane(f, job, system, motion, block, i, l, good(l))
-    end do
-  end subroutine make_step
-
-  !> Margin of the physics in every lane, and its change in a step.
-  subroutine measure_margin(f, system, h)
-    type(flight_type), intent(inout) :: f
-    class(driven_system_type), intent(in) :: system
-    real(wp), intent(in) :: h(n_lanes)
-    f%margin = system%margin(f%q)
-    f%rate = system%margin(f%q + spread(h, 2, system%n_dof)*f%v) - f%margin
-  end subroutine measure_margin
-
-  !> Whether the motion of a lane stops inside step i, and where.
-  subroutine judge_lane(f, job, system, motion, block, i, l, good)
-    type(flight_type), intent(inout) :: f
-    type(ensemble_job), intent(in) :: job
-    class(driven_system_type), intent(in) :: system
-    class(differentiable_system_type), intent(in) :: motion
-    type(ensemble_block), intent(inout) :: block
-    integer(i8), intent(in) :: i
-    integer, intent(in) :: l
-    logical, intent(in) :: good
-    type(stop_type) :: stop
-    integer :: k, point
-
-    call find_stop(motion, f%n, l, block%frequencies, f%q_before(l, :f%n), f%v_before(l, :f%n), &
-                   real(i - 1, wp)*block%h(l), block%h(l), stop)
-    if (stop%outcome == run_completed .or. stop%outcome == run_coarse) then
-      if (stop%outcome == run_completed .and. system%limited .and. stop%near_edge) then
-        call put_motion(f, l, stop%q, stop%v)
-        call measure_margin(f, system, block%h)
-        return
-      end if
-      if (good .and. f%margin(l) > 0.0_wp) return
-      stop%outcome = run_coarse
-    end if
-    call f%past%confirm(motion, l, f%n, l, block%frequencies, block%h(l), &
-                        real(i - 1, wp)*block%h(l), block%h(l), stop)
-    if (stop%outcome == run_coarse) then
-      stop%ahead = 0.0_wp
-      stop%q = f%q_before(l, :f%n)
-      stop%v = f%v_before(l, :f%n)
-    end if
-    block%outcome(l) = stop%outcome
-    block%t_reached(l) = real(i - 1, wp)*block%h(l) + stop%ahead
-    ! Small steps may find the stop before points that were kept.
-    do point = 1, size(block%sections, 3)
-      if (block%t_reached(l) >= block%h(l)*real(job%n_discard + point*job%section_every, wp)) cycle
-      block%sections(l, :, point) = ieee_value(1.0_wp, ieee_quiet_nan)
-    end do
-    f%alive(l) = .false.
-    block%q(l, :) = stop%q
-    block%v(l, :) = stop%v
-    ! Beside a stop accelerations may be infinite: the lane waits at rest instead.
-    f%q(l, :) = 0.0_wp
-    f%v(l, :) = 0.0_wp
-    call f%method%set_lane(l, f%q(l, :), f%v(l, :))
-    call f%method%stop_lane(l)
-    if (allocated(f%others)) then
-      do k = 1, size(f%others)
-        call f%others(k)%set_lane(l, f%q(l, :), f%v(l, :))
-        call f%others(k)%stop_lane(l)
-      end do
-    end if
-  end subroutine judge_lane
-
-  !> The motion of a lane as small steps find it; its disturbances stay.
-  subroutine put_motion(f, l, q, v)
-    type(flight_type), intent(inout) :: f
-    integer, intent(in) :: l
-    real(wp), intent(in) :: q(:), v(:)
-    real(wp), dimension(n_lanes, size(f%q, 2)) :: other_q, other_v
-    integer :: k
-
-    f%q(l, :f%n) = q
-    f%v(l, :f%n) = v
-    call f%method%set_lane(l, f%q(l, :), f%v(l, :))
-    if (.not. allocated(f%others)) return
-    do k = 1, size(f%others)
-      call f%others(k)%get_state(other_q, other_v)
-      other_q(l, :f%n) = q
-      other_v(l, :f%n) = v
-      call f%others(k)%set_lane(l, other_q(l, :), other_v(l, :))
-    end do
-  end subroutine put_motion
-
-  !> Make the disturbances orthonormal again (Gram and Schmidt); their growth counts once
-  !! something is gathered.
-  subroutine rescale(f, too_early)
-    type(flight_type), intent(inout) :: f
-    logical, intent(in) :: too_early
-    real(wp), dimension(n_lanes, size(f%q, 2)) :: q, v
-    real(wp), allocatable :: at(:, :, :)
-    real(wp) :: along(n_lanes)
-    integer :: i, j, k
-
-    allocate (at(n_lanes, 2*(size(f%q, 2) - f%n), size(f%growth, 2)))
-    do j = 1, size(f%growth, 2)
-      if (j == 1) then
-        call f%method%get_state(q, v)
-      else
-        call f%others(j - 1)%get_state(q, v)
-      end if
-      at(:, :f%n, j) = q(:, f%n + 1:)
-      at(:, f%n + 1:, j) = v(:, f%n + 1:)
-      ! Twice: once leaves what rounding of large parts left.
-      do k = 1, merge(2, 0, j > 1)
-        do i = 1, j - 1
-          along = sum(at(:, :, i)*at(:, :, j), 2)
-          at(:, :, j) = at(:, :, j) - spread(along, 2, size(at, 2))*at(:, :, i)
+      call taylor%step()
+      do b = 1, size(blocks)
+        alive = f(b)%alive
+        call before_step(f(b), i)
+        call taylor%get_block(b, f(b)%q, f(b)%v, good)
+        if (job%moments) call taylor%get_accelerations(b, .true., f(b)%a)
+        call after_step(f(b), job, motions(b), motions(b), blocks(b), i, good)
+        do l = 1, n_lanes
+          if (alive(l) .and. .not. f(b)%alive(l)) call taylor%stop_lane(b, l)
         end do
       end do
-      along = sqrt(sum(at(:, :, j)**2, 2))
-      where (f%alive .and. along > 0.0_wp)
-        f%growth(:, j) = f%growth(:, j) + log(along)
-      else where
-        along = 1.0_wp
-      end where
-      at(:, :, j) = at(:, :, j)/spread(along, 2, size(at, 2))
-      if (j == 1) then
-        call f%method%scale_lanes(f%n + 1, 1.0_wp/along)
-      else
-        q(:, f%n + 1:) = at(:, :f%n, j)
-        v(:, f%n + 1:) = at(:, f%n + 1:, j)
-        call f%others(j - 1)%set_from(f%n + 1, q, v)
-      end if
     end do
-    if (too_early) f%growth = 0.0_wp
-  end subroutine rescale
-
-  subroutine keep_section(f, point, block)
-    type(flight_type), intent(in) :: f
-    integer, intent(in) :: point
-    type(ensemble_block), intent(inout) :: block
-    integer :: d, l
-    if (point > size(block%sections, 3)) return
-    do l = 1, n_lanes
-      if (.not. f%alive(l)) cycle
-      do d = 1, f%n
-        block%sections(l, 2*d - 1, point) = f%q(l, d)
-        block%sections(l, 2*d, point) = f%v(l, d)
-      end do
+    do b = 1, size(blocks)
+      call land(f(b), job, blocks(b))
     end do
-  end subroutine keep_section
+    call ieee_set_flag(ieee_all, .false.)
+    call ieee_set_halting_mode(ieee_all, halting)
+  end subroutine run_together
 
-  !> Last states, and what was gathered.
-  subroutine land(f, job, block)
-    type(flight_type), intent(inout) :: f
+  !> How many blocks run side by side.
+  pure integer function blocks_of(job)
     type(ensemble_job), intent(in) :: job
-    type(ensemble_block), intent(inout) :: block
-    real(wp) :: nowhere(n_lanes)
-    integer :: l
+    blocks_of = merge(n_blocks, 1, job%method == taylor_20)
+  end function blocks_of
 
-    where (f%alive) block%t_reached = block%h*real(job%n_steps, wp)
-    do l = 1, n_lanes
-      if (.not. f%alive(l)) cycle
-      block%q(l, :) = f%q(l, :f%n)
-      block%v(l, :) = f%v(l, :f%n)
-    end do
-    if (job%moments) then
-      allocate (block%peak(n_lanes, f%n, 2))
-      allocate (block%mean, block%rms, mold=block%peak)
-      call f%moments%hand_over(block%peak, block%mean, block%rms)
+  !> Whether the method can do the job.
+  subroutine check_method(job, system, status)
+    type(ensemble_job), intent(in) :: job
+    class(differentiable_system_type), intent(in) :: system
+    type(status_type), intent(out) :: status
+    type(motion_series) :: series
+    logical :: known
+
+    call set_ok(status)
+    if (job%method /= taylor_20) return
+    known = .false.
+    select type (system)
+    type is (lane_motion_type)
+      call new_motion_series(series, [system], known)
+    end select
+    if (.not. known) then
+      call fail(status, status_input_error, 'method', "method = '"//trim(lane_methods(taylor_20)) &
+                //"': is for systems whose laws have power series in time: sums, products, " &
+                //'quotients, powers of half and whole numbers, functions of one variable; take ' &
+                //"another for this one, as 'verner9'")
+    else if (job%n_exponents > 0) then
+      call fail(status, status_input_error, 'method', "method = '"//trim(lane_methods(taylor_20)) &
+                //"': gives no Lyapunov exponents; take another, as 'verner9'")
     end if
-    ! Of a motion that stopped, peaks and means are those until then; what belongs to the
-    ! whole of it is not known.
-    nowhere = merge(0.0_wp, ieee_value(1.0_wp, ieee_quiet_nan), f%alive)
-    if (f%lines%n > 0) then
-      block%lines = f%lines%amplitudes()
-      block%lines = block%lines + spread(spread(cmplx(nowhere, nowhere, wp), 2, f%lines%n), 3, f%n)
-    end if
-    block%lyapunov = f%growth/spread(block%h*real(job%n_steps - job%n_discard, wp), 2, &
-                                     size(f%growth, 2)) + spread(nowhere, 2, size(f%growth, 2))
-  end subroutine land
+  end subroutine check_method
 
 end module viscovib_ensemble

@@ -19,9 +19,15 @@ module viscovib_layer_watch
 
   !> States looked at together; two are shared with those before.
   integer, parameter :: n_states = 64, n_shared = 2
+  !> What counts as unseen by a power series: its terms tell of a layer ahead, which keeps it from
+  !! converging within the step, until rounding hides them, as it does those of tanh from about 18
+  !! of its widths on; these are 7 within three steps.
+  real(wp), parameter :: unseen_by_series = 5.0_wp
 
   type :: layer_watch
     logical :: on = .false.
+    !> How many times as far as a polynomial follows an operand may go in a step.
+    real(wp), private :: most = unseen
     integer, private :: n = 0
     real(wp), allocatable, private :: t(:), q(:, :), v(:, :)
     !> Of runs that are followed.
@@ -43,10 +49,13 @@ module viscovib_layer_watch
 contains
 
   !> Before the first step.
-  subroutine begin(self, system, t, q, v)
+  subroutine begin(self, system, t, q, v, by_series)
     class(layer_watch), intent(inout) :: self
     class(driven_system_type), intent(in) :: system
     real(wp), intent(in) :: t, q(:), v(:)
+    !> Whether steps are made by power series, which look at forces at one place.
+    logical, intent(in), optional :: by_series
+    if (present(by_series)) self%most = merge(unseen_by_series, unseen, by_series)
     ! Steps that are made in parts see for themselves.
     self%on = system%layers%exist() .and. .not. (system%in_parts .or. allocated(system%signals))
     if (.not. self%on) return
@@ -76,7 +85,7 @@ contains
     if (.not. self%on .or. self%n < 2) return
     associate (n => self%n)
       look = system%layers%thinness_at(self%t(:n), self%t(:n), self%q(:n, :), self%v(:n, :), &
-                                       .true.) > unseen
+                                       .true., self%most) > self%most
     end associate
   end function look
 

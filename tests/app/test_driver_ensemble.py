@@ -54,6 +54,26 @@ def test_collocation_side_by_side(solve, tmp_path):
     assert set(table["outcome"]) == {"step too large"}
 
 
+def test_power_series_side_by_side(solve, tmp_path):
+    """The same by Taylor's method; a series that does not converge is told."""
+    text = MANY.replace("&ensemble ", "&ensemble method='taylor20' ")
+    table = _run(solve, tmp_path, text)
+    period = 2 * np.pi / 1.2
+    for i in (0, 4, 8):
+        x, v = _duffing(table["load_scale"][i], [0.1, 0.2], period * np.arange(1, 5))
+        assert table["x"][i] == pytest.approx(x[-1], abs=2e-9)
+        assert table["x_dot"][i] == pytest.approx(v[-1], abs=2e-9)
+    scene = tmp_path / "many.nml"
+    scene.write_text(text.replace("initial=0.1 0.2", "initial=60 0.2 dt=0.9"))
+    done = solve(scene, "--out", tmp_path)
+    assert (done.returncode, done.stderr) == (1, "")
+    assert set(read_csv(tmp_path / "many_ensemble.csv")["outcome"]) == {"step too large"}
+    scene.write_text(PENDULA.replace("&ensemble ", "&ensemble method='taylor20' "))
+    done = solve(scene, "--out", tmp_path)
+    assert done.returncode == 2
+    assert "many.nml:2: method = 'taylor20'" in done.stderr
+
+
 def test_motions_and_sections(solve, tmp_path):
     """Last states and sections are those of single motions by SciPy."""
     table = _run(solve, tmp_path, MANY)
@@ -96,6 +116,8 @@ def test_a_frequency_that_varies(solve, tmp_path):
         ({"initial=0.1 0.2": "initial=0.1"}, "initial"),
         ({"x^3": "max(x, 0)"}, "smooth"),
         ({"tolerance": "lyapunov='maybe' tolerance"}, "lyapunov"),
+        ({"tolerance": "method='taylor20' lyapunov='yes' tolerance"}, "no Lyapunov exponents"),
+        ({"x^3": "atan2(x, 2)", "tolerance": "method='taylor20' tolerance"}, "power series"),
         ({"&ensemble": "&kernel kind='prony' weights=0.1 rates=1 /\n&ensemble"}, ""),
     ],
 )

@@ -104,6 +104,12 @@ MORE = {
 &ensemble vary='f0' from=0.001 to=0.004 count=4 initial=0 0 0.1 0 0 0 t_end=20 discard=5
   coordinates='phi' /
 """,
+    "series": """&system coordinates='x' mass=1 stiffness=1 damping=0.1 /
+&force on='x' law='0.3*tanh(x_dot) + 0.2*sin(x) + 0.1*x^3' /
+&load on='x' amplitude=1 /
+&ensemble vary='nu' from=0.3 to=1.7 count=37 initial=0.1 0.2 t_end=30 discard=5 dt=0.4
+  method='taylor20' /
+""",
     "part": """&pendulum e=0.1 w2=0.4 w3=0.8 /
 &transient initial=0.05 0 0.3 0 -0.2 0 t_end=20 dt=0.25 coordinates='phi' /
 &spectrum coordinates='psi' window='flat_top' discard=5 /

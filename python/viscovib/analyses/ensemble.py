@@ -18,7 +18,7 @@ from viscovib.analyses.accuracy import Accuracy, rounding_of
 from viscovib.analyses.events import Event
 from viscovib.analyses.gathering import members_of
 from viscovib.analyses.members import Members
-from viscovib.analyses.memoryless import SIDE_BY_SIDE
+from viscovib.analyses.memoryless import SIDE_BY_SIDE, TAYLOR
 from viscovib.analyses.runs import LOCATED, hopeless
 from viscovib.analyses.singles import SingleMembers
 from viscovib.common.counts import things
@@ -34,7 +34,8 @@ from viscovib.systems.pendulum import Pendulum
 from viscovib.systems.polynomial_system import PolynomialSystem
 from viscovib.systems.structure import Structure
 
-_LANES = 8
+#: Motions side by side: in a block of lanes, and by Taylor's method.
+_LANES, _WIDE = 8, 32
 #: Places of "diverged" and "step too large".
 _DIVERGED, _COARSE = OUTCOMES.index("diverged"), OUTCOMES.index("step too large")
 _MAX_STEPS = 10**12
@@ -101,11 +102,14 @@ def simulate_ensemble(
         "nu", "load_scale" and its numbers. Parameters of laws and elements make it go run by run.
     load, nu
         Not of a pendulum: as for `simulate`.
-    method : {"auto", "rk4", "dop8", "verner8", "verner9", "gauss8", "gauss16"}
+    method : {"auto", "rk4", "dop8", "verner8", "verner9", "gauss8", "gauss16", "taylor20"}
         "auto" is "verner9", free of rounding down to 1e-14. Gauss's collocations of order 16 and
         32 take larger steps, whose equations are solved to rounding: of a pendulum "gauss8" is
         the fastest from about 1e-9 on. A step that cannot be solved ends its run ("step too
-        large"). Run by run: any method of `simulate`, "auto" as there.
+        large"). "taylor20" sums the power series of the motion in time, 32 motions side by side:
+        the fastest of large ensembles of polynomial systems and text laws (not of pendulums, nor
+        for exponents); a series that does not converge within a step ends its run in the same
+        way. Run by run: any method of `simulate`, "auto" as there.
     discard : float
         Nothing is gathered before this time (or this many periods, with ``n_periods``), with
         ``sections`` of a load before the end of the period in which it lies.
@@ -225,7 +229,7 @@ def simulate_ensemble(
 
 def _plan(job: _Job, n_steps: int, sought: Accuracy | None, sections: bool, preload: float) -> Plan:
     n = job.members.n
-    how = f"{_LANES} side by side" if job.members.side_by_side else "one after another"
+    how = f"{job.lanes} side by side" if job.members.side_by_side else "one after another"
     lines = [f"computes: {things(n, 'motion')} of {things(n_steps, 'step')}, {how}"]
     if sought is None:
         lines.append("skips: estimate of the error (the step is given)")
@@ -404,11 +408,16 @@ class _Job:
         self.lines, self.statistics, self.exponents = lines, statistics, exponents
         self.every, self.threads = every, threads
 
+    @property
+    def lanes(self) -> int:
+        """How many motions go side by side."""
+        return _WIDE if self.members.method_name == TAYLOR else _LANES
+
     def run(self, n_steps: int, progress: bool) -> _Raw:
         """Make all runs with so many steps."""
         n = self.members.n
-        share = math.ceil(n / (4 * self.threads) / _LANES) * _LANES
-        piece = min(max(share, _LANES), _MAX_PIECE)
+        share = math.ceil(n / (4 * self.threads) / self.lanes) * self.lanes
+        piece = min(max(share, self.lanes), _MAX_PIECE)
         if not self.members.side_by_side:
             piece = max(1, min(n // (8 * self.threads), _MAX_SINGLE))
         cancel = np.zeros(1, dtype=np.intc)

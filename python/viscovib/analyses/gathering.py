@@ -11,6 +11,7 @@ import numpy.typing as npt
 from viscovib import _native
 from viscovib.analyses.events import Event
 from viscovib.analyses.members import SCALES, Members, PendulumMembers, PolynomialMembers
+from viscovib.analyses.memoryless import TAYLOR
 from viscovib.analyses.singles import SingleMembers
 from viscovib.errors import InputError
 from viscovib.systems.load import LoadLike
@@ -48,6 +49,11 @@ def members_of(
         return PendulumMembers(system, initial, given, method)
     few = None if surface is not None else side_by_side(system, given, bool(lyapunov))
     if few is None:
+        if method == TAYLOR:
+            raise InputError(
+                f"method = {TAYLOR!r}: is for motions that go side by side, these go one after "
+                "another: give one that simulate takes"
+            )
         return SingleMembers(system, initial, given, load, nu, method, surface)
     made: list[Members] = []
     lock = Lock()
@@ -56,7 +62,9 @@ def members_of(
         # Pieces of an ensemble are made by several threads.
         with lock:
             if not made:
-                made.append(SingleMembers(few, initial, given, load, nu, method, None))
+                # Those that meet thin layers go in parts of steps, by a method that has such.
+                own = "auto" if method == TAYLOR else method
+                made.append(SingleMembers(few, initial, given, load, nu, own, None))
         return made[0]
 
     return PolynomialMembers(few, initial, given, load, nu, method, alone)

@@ -23,8 +23,10 @@ from viscovib.systems.polynomial_system import PolynomialSystem
 
 #: Explicit methods by their place in the core.
 EXPLICIT = {"rk4": 1, "dop8": 2, "verner8": 3, "verner9": 4}
+#: Taylor's method, of many motions side by side only.
+TAYLOR = "taylor20"
 #: Those of many motions side by side.
-SIDE_BY_SIDE = EXPLICIT | {"gauss8": 5, "gauss16": 6}
+SIDE_BY_SIDE = EXPLICIT | {"gauss8": 5, "gauss16": 6, TAYLOR: 7}
 #: All methods by their place in the core.
 METHODS = {"gauss8": 1, "gauss16": 2, "gauss2": 3, "gauss3": 4} | {
     name: place + 4 for name, place in EXPLICIT.items()

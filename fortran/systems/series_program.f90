@@ -1,0 +1,332 @@
+!> Programs of force laws, for motions given as power series in time (see `viscovib_series_terms`),
+!! from those for values: what an instruction needs twice is made once.
+module viscovib_series_program
+  use viscovib_kinds, only: wp
+  use viscovib_law_functions, only: add, divide, f_acos, f_acosh, f_asin, f_asinh, f_atan, &
+    f_atanh, f_cos, f_cosh, f_exp, f_log, f_sin, f_sinh, f_sqrt, f_tan, f_tanh, known_power, &
+    multiply, negate, of_one, of_two, operands, put_argument, put_number, square, subtract, wall
+  use viscovib_law_program, only: law_program
+  use viscovib_series_terms, only: add_up, bend, grow, over, product_of, quotient, root, scale_up, &
+    series_step, shift, square_of, stretch, take_number, take_off, turn
+  implicit none
+  private
+
+  public :: series_program
+
+  !> Largest powers made by products.
+  integer, parameter :: highest_power = 32
+  real(wp), parameter :: half_pi = 1.57079632679489661923_wp
+
+  type :: series_program
+    integer :: n_registers = 0
+    type(series_step), allocatable :: steps(:)
+  contains
+    procedure :: add_law
+    procedure :: add_monomial
+    procedure, private :: register_of
+    procedure, private :: apply
+    procedure, private :: combine
+    procedure, private :: raised
+    procedure, private :: inverse_function
+    procedure, private :: multiple
+  end type series_program
+
+  !> What stands on the stack of a law: a register, or (0) a number that is known.
+  type :: item_type
+    integer :: register = 0
+    real(wp) :: number = 0.0_wp
+  end type item_type
+
+contains
+
+  !> A law of coordinates and velocities, in registers 1 ... n and n + 1 ... 2 n.
+  subroutine add_law(self, law, by_q, by_v, result, known)
+    class(series_program), intent(inout) :: self
+    type(law_program), intent(in) :: law
+    !> What its arguments are, shape (n_arguments, n_dof).
+    real(wp), intent(in) :: by_q(:, :), by_v(:, :)
+    !> The register of its value.
+    integer, intent(out) :: result
+    !> Whether all its functions are known here.
+    logical, intent(out) :: known
+    type(item_type) :: stack(law%depth + 3), arguments(size(by_q, 1))
+    integer :: i, k, top
+
+    do i = 1, size(arguments)
+      do k = 1, 2*size(by_q, 2)
+        call add_argument(k, merge(by_q(i, min(k, size(by_q, 2))), &
+                                   by_v(i, max(k - size(by_q, 2), 1)), k <= size(by_q, 2)))
+      end do
+    end do
+    known = .true.
+    top = 0
+    do i = 1, size(law%code)
+      top = top - operands(law%code(i)) + 1
+      select case (law%code(i))
+      case (put_number)
+        stack(top) = item_type(0, law%number(i))
+      case (put_argument)
+        stack(top) = arguments(nint(law%number(i)))
+      case default
+        call self%apply(law%code(i), law%number(i), stack(top:), known)
+        if (.not. known) return
+      end select
+    end do
+    result = self%register_of(stack(1))
+
+  contains
+
+    !> A multiple of a coordinate or a velocity.
+    subroutine add_argument(register, factor)
+      integer, intent(in) :: register
+      real(wp), intent(in) :: factor
+      type(item_type) :: term
+      if (.not. abs(factor) > 0.0_wp) return
+      term = self%multiple(item_type(register), factor)
+      if (arguments(i)%register == 0) then
+        arguments(i) = term
+      else
+        arguments(i) = self%combine(add_up, arguments(i), term)
+      end if
+    end subroutine add_argument
+
+  end subroutine add_law
+
+  !> A product of powers of coordinates.
+  subroutine add_monomial(self, dof, power, result)
+    class(series_program), intent(inout) :: self
+    integer, intent(in) :: dof(:), power(:)
+    integer, intent(out) :: result
+    type(item_type) :: value
+    integer :: j
+
+    value = item_type(0, 1.0_wp)
+    do j = 1, size(dof)
+      value = self%combine(product_of, value, self%raised(item_type(dof(j)), power(j)))
+    end do
+    result = self%register_of(value)
+  end subroutine add_monomial
+
+  !> A step of a program, once: its register.
+  type(item_type) function put(self, code, a, b, number) result(item)
+    class(series_program), intent(inout) :: self
+    integer, intent(in) :: code, a, b
+    real(wp), intent(in) :: number
+    integer :: i
+
+    do i = 1, size(self%steps)
+      associate (step => self%steps(i))
+        item%register = step%to
+        if (step%code == code .and. step%a == a .and. step%b == b &
+            .and. abs(step%number - number) <= 0.0_wp) return
+      end associate
+    end do
+    item%register = self%n_registers + 1
+    self%steps = [self%steps, series_step(code, item%register, a, b, number)]
+    ! Of sines both functions and the derivative of the operand, of others what their equation has.
+    select case (code)
+    case (turn, stretch, bend)
+      self%n_registers = self%n_registers + 3
+    case (grow, over)
+      self%n_registers = self%n_registers + 2
+    case default
+      self%n_registers = self%n_registers + 1
+    end select
+  end function put
+
+  !> The register that holds a value.
+  integer function register_of(self, item)
+    class(series_program), intent(inout) :: self
+    type(item_type), intent(in) :: item
+    type(item_type) :: number
+    register_of = item%register
+    if (register_of > 0) return
+    number = put(self, take_number, 0, 0, item%number)
+    register_of = number%register
+  end function register_of
+
+  !> A value times a number.
+  type(item_type) function multiple(self, item, factor)
+    class(series_program), intent(inout) :: self
+    type(item_type), intent(in) :: item
+    real(wp), intent(in) :: factor
+    multiple = item
+    if (item%register == 0) then
+      multiple%number = factor*item%number
+    else if (abs(factor - 1.0_wp) > 0.0_wp) then
+      multiple = put(self, scale_up, item%register, 0, factor)
+    end if
+  end function multiple
+
+  !> Sum, difference or product of two values.
+  type(item_type) function combine(self, code, x, y) result(item)
+    class(series_program), intent(inout) :: self
+    integer, intent(in) :: code
+    type(item_type), intent(in) :: x, y
+
+    if (code == take_off) then
+      if (x%register > 0 .and. y%register > 0) then
+        item = put(self, take_off, x%register, y%register, 0.0_wp)
+      else
+        item = self%combine(add_up, x, self%multiple(y, -1.0_wp))
+      end if
+    else if (x%register > 0 .and. y%register > 0) then
+      if (code == product_of .and. x%register == y%register) then
+        item = put(self, square_of, x%register, 0, 0.0_wp)
+      else
+        item = put(self, code, x%register, y%register, 0.0_wp)
+      end if
+    else if (code == product_of) then
+      if (x%register == 0) item = self%multiple(y, x%number)
+      if (x%register > 0) item = self%multiple(x, y%number)
+    else if (x%register + y%register == 0) then
+      item%number = x%number + y%number
+    else
+      item = put(self, shift, x%register + y%register, 0, merge(x%number, y%number, &
+                                                                x%register == 0))
+    end if
+  end function combine
+
+  !> x^n by products.
+  recursive type(item_type) function raised(self, x, n) result(item)
+    class(series_program), intent(inout) :: self
+    type(item_type), intent(in) :: x
+    integer, intent(in) :: n
+
+    item = x
+    if (n == 1) return
+    item = self%raised(x, n/2)
+    item = self%combine(product_of, item, item)
+    if (mod(n, 2) == 1) item = self%combine(product_of, item, x)
+  end function raised
+
+  !> An instruction of a law: its operands stand in the first places of the stack, where its value
+  !! goes.
+  subroutine apply(self, code, number, x, known)
+    class(series_program), intent(inout) :: self
+    integer, intent(in) :: code
+    real(wp), intent(in) :: number
+    type(item_type), intent(inout) :: x(:)
+    logical, intent(inout) :: known
+    integer :: n
+
+    select case (code)
+    case (add)
+      x(1) = self%combine(add_up, x(1), x(2))
+    case (subtract)
+      x(1) = self%combine(take_off, x(1), x(2))
+    case (multiply)
+      x(1) = self%combine(product_of, x(1), x(2))
+    case (square)
+      x(1) = self%combine(product_of, x(1), x(1))
+    case (negate)
+      x(1) = self%multiple(x(1), -1.0_wp)
+    case default
+      if (all(x(:operands(code))%register == 0)) then
+        call of_numbers(code, number, x, known)
+        return
+      end if
+      n = 0
+      if (code == known_power) n = nint(2.0_wp*max(min(number, 1.0e3_wp), -1.0e3_wp))
+      if (code == divide) then
+        if (x(2)%register == 0) then
+          known = abs(x(2)%number) > 1.0_wp/wall
+          if (known) x(1) = self%multiple(x(1), 1.0_wp/x(2)%number)
+        else
+          x(1) = put(self, quotient, self%register_of(x(1)), x(2)%register, 0.0_wp)
+        end if
+      else if (code == known_power) then
+        known = abs(2.0_wp*number - n) <= 0.0_wp .and. n /= 0 .and. abs(n) <= 2*highest_power
+        if (known) x(1) = half_power(self, x(1), n)
+      else
+        call function_of(self, code, x(1), known)
+      end if
+    end select
+  end subroutine apply
+
+  !> x^(n/2).
+  type(item_type) function half_power(self, x, n) result(item)
+    class(series_program), intent(inout) :: self
+    type(item_type), intent(in) :: x
+    integer, intent(in) :: n
+
+    item = x
+    if (mod(n, 2) /= 0) then
+      item = self%raised(put(self, root, x%register, 0, 0.0_wp), abs(n))
+    else
+      item = self%raised(x, abs(n)/2)
+    end if
+    if (n < 0) then
+      item = put(self, quotient, self%register_of(item_type(0, 1.0_wp)), item%register, 0.0_wp)
+    end if
+  end function half_power
+
+  !> A function of one value.
+  subroutine function_of(self, code, x, known)
+    class(series_program), intent(inout) :: self
+    integer, intent(in) :: code
+    type(item_type), intent(inout) :: x
+    logical, intent(inout) :: known
+
+    select case (code)
+    case (f_sqrt)
+      x = put(self, root, x%register, 0, 0.0_wp)
+    case (f_exp)
+      x = put(self, grow, x%register, 0, 0.0_wp)
+    case (f_sin, f_cos)
+      x = put(self, turn, x%register, 0, 0.0_wp)
+      if (code == f_cos) x%register = x%register + 1
+    case (f_sinh, f_cosh)
+      x = put(self, stretch, x%register, 0, 0.0_wp)
+      if (code == f_cosh) x%register = x%register + 1
+    case (f_tanh, f_tan)
+      x = put(self, bend, x%register, 0, merge(-1.0_wp, 1.0_wp, code == f_tanh))
+    case (f_log)
+      x = put(self, over, x%register, x%register, real(code, wp))
+    case (f_asin, f_acos, f_atan, f_asinh, f_acosh, f_atanh)
+      x = self%inverse_function(code, x)
+    case default
+      known = .false.
+    end select
+  end subroutine function_of
+
+  !> Functions whose derivative is one over a power of 1 +- x^2.
+  type(item_type) function inverse_function(self, code, x) result(item)
+    class(series_program), intent(inout) :: self
+    integer, intent(in) :: code
+    type(item_type), intent(in) :: x
+
+    item = self%combine(product_of, x, x)
+    select case (code)
+    case (f_asin, f_acos, f_atanh)
+      item = self%combine(take_off, item_type(0, 1.0_wp), item)
+    case default
+      item = self%combine(add_up, item, item_type(0, merge(-1.0_wp, 1.0_wp, code == f_acosh)))
+    end select
+    if (code /= f_atan .and. code /= f_atanh) then
+      item = put(self, root, item%register, 0, 0.0_wp)
+    end if
+    item = put(self, over, x%register, item%register, &
+               real(merge(f_asin, code, code == f_acos), wp))
+    if (code == f_acos) then
+      item = self%combine(take_off, item_type(0, half_pi), item)
+    end if
+  end function inverse_function
+
+  !> A function of numbers that are known.
+  subroutine of_numbers(code, number, x, known)
+    integer, intent(in) :: code
+    real(wp), intent(in) :: number
+    type(item_type), intent(inout) :: x(:)
+    logical, intent(inout) :: known
+    real(wp) :: value, by(2)
+    known = operands(code) <= 2
+    if (operands(code) == 2) then
+      call of_two(code, x(1)%number, x(2)%number, value, by)
+    else
+      call of_one(code, number, x(1)%number, value, by(1))
+    end if
+    x(1)%number = value
+  end subroutine of_numbers
+
+end module viscovib_series_program

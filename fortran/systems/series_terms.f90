@@ -1,0 +1,202 @@
+!> Force laws of motions given as power series in time: one coefficient after the other.
+!!
+!! With u = sum_k u_k t^k each function of it obeys a differential equation of first order whose
+!! coefficients are sums of products, such as k y_k = sum_(j=1)^k j u_j w_(k-j), w = 1 - y^2, of
+!! y = tanh(u): R. E. Moore, Interval Analysis, 1966, chapter 11; A. Jorba, M. Zou, A software
+!! package for the numerical integration of ODEs by means of high-order Taylor methods, Exp. Math.
+!! 14, 2005. Each value is a register that holds all its coefficients so far.
+module viscovib_series_terms
+  use viscovib_kinds, only: wp
+  use viscovib_lanes, only: n_lanes
+  use viscovib_law_functions, only: of_one, steepest
+  use viscovib_vector_math, only: exponential_lanes, largest_angle, sine_cosine_lanes, tangent_lanes
+  use viscovib_wide_series, only: largest, n_wide, product_term, product_terms, square_term
+  implicit none
+  private
+
+  public :: run_series, series_step
+
+  !> Steps of a program: a number, a multiple, a sum with a number, sums, products, and functions by
+  !! their differential equations. y' = a'/b is the last.
+  integer, parameter, public :: take_number = 1, scale_up = 2, shift = 3, add_up = 4, &
+                                take_off = 5, product_of = 6, square_of = 7, quotient = 8, &
+                                root = 9, grow = 10, turn = 11, stretch = 12, bend = 13, over = 14
+
+  !> One step: what it does, the register of its value (others of it follow), those it reads, and a
+  !! number.
+  type :: series_step
+    integer :: code = 0, to = 0, a = 0, b = 0
+    real(wp) :: number = 0.0_wp
+  end type series_step
+
+contains
+
+  !> Coefficient k of all registers but those of the motion, from those before and the motion's.
+  pure subroutine run_series(n, steps, order, k, s, lost)
+    integer, intent(in) :: n, order, k
+    type(series_step), intent(in) :: steps(n)
+    real(wp), intent(inout) :: s(n_wide, 0:order, *)
+    !> Lanes in which a function has no series, beyond its domain or at its end.
+    logical, intent(inout) :: lost(n_wide)
+    integer :: i
+
+    do i = 1, n
+      associate (a => steps(i)%a, b => steps(i)%b, to => steps(i)%to, c => steps(i)%number)
+        select case (steps(i)%code)
+        case (take_number)
+          s(:, k, to) = merge(c, 0.0_wp, k == 0)
+        case (scale_up)
+          s(:, k, to) = c*s(:, k, a)
+        case (shift)
+          s(:, k, to) = s(:, k, a) + merge(c, 0.0_wp, k == 0)
+        case (add_up)
+          s(:, k, to) = s(:, k, a) + s(:, k, b)
+        case (take_off)
+          s(:, k, to) = s(:, k, a) - s(:, k, b)
+        case (product_of)
+          call product_term(k, 1.0_wp, s(1, 0, a), s(1, 0, b), s(1, k, to))
+        case (square_of)
+          call square_term(k, 1.0_wp, s(1, 0, a), s(1, k, to))
+        case default
+          if (k == 0) then
+            call begin_function(steps(i), order, s(1, 0, a), s(1, 0, max(b, 1)), s(1, 0, to), lost)
+          else
+            call go_on(steps(i)%code, c, order, k, s(1, 0, a), s(1, 0, max(b, 1)), s(1, 0, to))
+          end if
+        end select
+        if (k == 0) lost = lost .or. abs(s(:, 0, to)) >= largest
+      end associate
+    end do
+  end subroutine run_series
+
+  !> A function at the start of the step.
+  pure subroutine begin_function(step, order, a, b, y, lost)
+    type(series_step), intent(in) :: step
+    integer, intent(in) :: order
+    real(wp), intent(in) :: a(n_wide), b(n_wide)
+    !> Its value, and what else its equation has.
+    real(wp), intent(inout) :: y(n_wide, 0:order, 3)
+    logical, intent(inout) :: lost(n_wide)
+    logical :: bad(n_wide)
+    integer :: first, last
+
+    bad = .false.
+    select case (step%code)
+    case (quotient)
+      bad = abs(b) <= abs(a)/largest
+      y(:, 0, 1) = a/merge(1.0_wp, b, bad)
+    case (root)
+      bad = a <= 0.0_wp
+      y(:, 0, 1) = sqrt(merge(1.0_wp, a, bad))
+    case (over)
+      bad = abs(b) <= 1.0_wp/largest
+      call by_one(nint(step%number), merge(0.5_wp, a, bad), y(1, 0, 1))
+    case (stretch)
+      bad = abs(a) > steepest
+      y(:, 0, 1) = sinh(merge(0.0_wp, a, bad))
+      y(:, 0, 2) = cosh(merge(0.0_wp, a, bad))
+    case (grow)
+      bad = abs(a) > steepest
+      do first = 1, n_wide, n_lanes
+        last = first + n_lanes - 1
+        call exponential_lanes(merge(0.0_wp, a(first:last), bad(first:last)), y(first:last, 0, 1))
+      end do
+    case (bend)
+      if (step%number < 0.0_wp) then
+        do first = 1, n_wide, n_lanes
+          call tangent_lanes(a(first), y(first, 0, 1))
+        end do
+      else
+        bad = abs(cos(a)) <= 1.0_wp/largest
+        y(:, 0, 1) = tan(merge(0.0_wp, a, bad))
+      end if
+      y(:, 0, 2) = 1.0_wp + step%number*y(:, 0, 1)**2
+      if (step%number < 0.0_wp) y(:, 0, 2) = (1.0_wp - y(:, 0, 1))*(1.0_wp + y(:, 0, 1))
+    case default
+      call sines(a, y(1, 0, 1), y(1, 0, 2))
+    end select
+    lost = lost .or. bad
+  end subroutine begin_function
+
+  !> A function of numbers one by one.
+  pure subroutine by_one(code, x, y)
+    integer, intent(in) :: code
+    real(wp), intent(in) :: x(n_wide)
+    real(wp), intent(out) :: y(n_wide)
+    real(wp) :: by
+    integer :: l
+    do l = 1, n_wide
+      call of_one(code, 0.0_wp, x(l), y(l), by)
+    end do
+  end subroutine by_one
+
+  !> Sines and cosines of any angles; those in range do not depend on the others.
+  pure subroutine sines(a, sine, cosine)
+    real(wp), intent(in) :: a(n_wide)
+    real(wp), intent(out) :: sine(n_wide), cosine(n_wide)
+    real(wp) :: angle(n_lanes)
+    integer :: first, l, last
+
+    do first = 1, n_wide, n_lanes
+      last = first + n_lanes - 1
+      angle = merge(a(first:last), 0.0_wp, abs(a(first:last)) <= largest_angle)
+      call sine_cosine_lanes(angle, sine(first:last), cosine(first:last))
+    end do
+    if (all(abs(a) <= largest_angle)) return
+    do l = 1, n_wide
+      if (abs(a(l)) <= largest_angle) cycle
+      sine(l) = sin(a(l))
+      cosine(l) = cos(a(l))
+    end do
+  end subroutine sines
+
+  !> Coefficient k > 0 of a function, by its differential equation.
+  pure subroutine go_on(code, sign_of, order, k, a, b, y)
+    integer, intent(in) :: code, order, k
+    real(wp), intent(in) :: sign_of, a(n_wide, 0:order), b(n_wide, 0:order)
+    real(wp), intent(inout) :: y(n_wide, 0:order, 3)
+    real(wp) :: term(n_wide), part
+
+    part = 1.0_wp/k
+    select case (code)
+    case (quotient)
+      y(:, k, 1) = 0.0_wp
+      call product_term(k, 1.0_wp, b, y, term)
+      y(:, k, 1) = confined((a(:, k) - term)/divisor(b(:, 0)))
+    case (root)
+      y(:, k, 1) = 0.0_wp
+      call square_term(k, 1.0_wp, y, term)
+      y(:, k, 1) = confined((a(:, k) - term)/(2.0_wp*y(:, 0, 1)))
+    case (over)
+      ! j y_j stands in the second register, from j = 1 on.
+      term = 0.0_wp
+      if (k > 1) call product_term(k - 2, 1.0_wp, y(1, 0, 2), b(1, 1), term)
+      y(:, k - 1, 2) = confined((k*a(:, k) - term)/divisor(b(:, 0)))
+      y(:, k, 1) = part*y(:, k - 1, 2)
+    case (grow)
+      y(:, k - 1, 2) = k*a(:, k)
+      call product_term(k - 1, part, y(1, 0, 2), y, y(1, k, 1))
+    case (bend)
+      y(:, k - 1, 3) = k*a(:, k)
+      call product_term(k - 1, part, y(1, 0, 3), y(1, 0, 2), y(1, k, 1))
+      call square_term(k, sign_of, y, y(1, k, 2))
+    case default
+      y(:, k - 1, 3) = k*a(:, k)
+      call product_terms(k - 1, part, merge(-part, part, code == turn), y(1, 0, 3), y(1, 0, 2), y, &
+                         y(1, k, 1), y(1, k, 2))
+    end select
+  end subroutine go_on
+
+  !> What runs away stays a number.
+  elemental real(wp) function confined(x)
+    real(wp), intent(in) :: x
+    confined = min(max(x, -largest), largest)
+  end function confined
+
+  !> What lanes divide by; those that cannot are lost.
+  elemental real(wp) function divisor(x)
+    real(wp), intent(in) :: x
+    divisor = merge(x, 1.0_wp, abs(x) > 1.0_wp/largest)
+  end function divisor
+
+end module viscovib_series_terms

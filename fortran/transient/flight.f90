@@ -1,0 +1,425 @@
+!> A block of trajectories on its way, one a lane: where they are, whether they stop, and what is
+!! learnt from them as they pass.
+module viscovib_flight
+  use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
+  use viscovib_driven_system, only: differentiable_system_type, driven_system_type
+  use viscovib_explicit, only: explicit_type, new_explicit
+  use viscovib_explicit_tables, only: taylor_20
+  use viscovib_kinds, only: i8, wp
+  use viscovib_lane_lines, only: lines_type, new_lines
+  use viscovib_lane_moments, only: moments_type, new_moments
+  use viscovib_lanes, only: max_dof, n_lanes
+  use viscovib_layer_watch, only: layer_watch
+  use viscovib_run_history, only: run_history
+  use viscovib_stops, only: find_stop, least_between, needs_small_steps, run_coarse, &
+    run_completed, stop_type
+  implicit none
+  private
+
+  public :: after_step, before_step, ensemble_block, ensemble_job, flight_type, gather, land, take_off
+
+  !> Steps between two rescalings of a disturbance.
+  integer, parameter :: rescaling = 8
+
+  !> What to do with every trajectory.
+  type :: ensemble_job
+    !> Place in `lane_methods`.
+    integer :: method = 3
+    !> Steps in all; those before anything is gathered; between samples of lines; between
+    !! two points of a section (0: none wanted).
+    integer(i8) :: n_steps = 1, n_discard = 0, sample_every = 1, section_every = 0
+    !> Peaks, means and rms of the motion, which begin so much of a step before the others.
+    logical :: moments = .false.
+    real(wp) :: ahead = 0.0_wp
+    !> Exponents wanted, from the largest on.
+    integer :: n_exponents = 0
+    !> Circular frequencies of lines wanted.
+    real(wp), allocatable :: lines(:)
+  end type ensemble_job
+
+  !> A block of trajectories, and what was learnt. Lane first.
+  type :: ensemble_block
+    !> Before: start. After: the last state, that at t_reached, shape (n_lanes, n_dof).
+    real(wp), allocatable :: q(:, :), v(:, :)
+    !> Load frequencies, shape (n_lanes, n_drives); steps.
+    real(wp), allocatable :: frequencies(:, :)
+    real(wp) :: h(n_lanes) = 0.0_wp
+    integer :: outcome(n_lanes) = run_completed
+    real(wp) :: t_reached(n_lanes) = 0.0_wp
+    real(wp), allocatable :: peak(:, :, :), mean(:, :, :), rms(:, :, :)
+    complex(wp), allocatable :: lines(:, :, :)
+    !> q and v of each section point, shape (n_lanes, 2 n_dof, n_points).
+    real(wp), allocatable :: sections(:, :, :)
+    !> Mean rates of growth of small disturbances, shape (n_lanes, n_exponents); NaN of a motion
+    !! that stops.
+    real(wp), allocatable :: lyapunov(:, :)
+    !> Whether steps may have missed a thin layer of a force.
+    logical :: missed(n_lanes) = .false.
+  end type ensemble_block
+
+  !> A block on its way: where its lanes are, how near to a stop, and what is gathered.
+  type :: flight_type
+    !> Coordinates of the motion itself; the others are its disturbance.
+    integer :: n = 0
+    !> Whether steps are made for many blocks together; else by a method of its own.
+    logical :: together = .false.
+    type(explicit_type) :: method
+    !> The same motion with further disturbances, one each.
+    type(explicit_type), allocatable :: others(:)
+    type(moments_type) :: moments
+    type(lines_type) :: lines
+    real(wp), allocatable :: q(:, :), v(:, :), q_before(:, :), v_before(:, :)
+    !> Accelerations, where peaks and means are wanted.
+    real(wp) :: a(n_lanes, max_dof) = 0.0_wp
+    real(wp), dimension(n_lanes) :: margin = 0.0_wp, rate = 0.0_wp
+    real(wp), allocatable :: growth(:, :)
+    logical :: alive(n_lanes) = .true.
+    !> States before, times in steps.
+    type(run_history) :: past
+    type(layer_watch) :: layers(n_lanes)
+  end type flight_type
+
+contains
+
+  !> Which lanes may have missed a thin layer of a force until step i.
+  subroutine watch_layers(f, motion, block, i, last)
+    type(flight_type), intent(inout) :: f
+    class(differentiable_system_type), intent(in) :: motion
+    type(ensemble_block), intent(inout) :: block
+    integer(i8), intent(in) :: i
+    logical, intent(in) :: last
+    real(wp) :: t
+    integer :: l
+
+    do l = 1, n_lanes
+      if (.not. f%alive(l) .or. block%missed(l)) cycle
+      t = real(i, wp)*block%h(l)
+      call f%layers(l)%see(motion, t, f%q(l, :f%n), f%v(l, :f%n), block%missed(l))
+      if (last .and. .not. block%missed(l)) block%missed(l) = f%layers(l)%look(motion)
+    end do
+  end subroutine watch_layers
+
+  !> Everything as it is at time 0.
+  subroutine take_off(f, job, system, motion, block)
+    type(flight_type), intent(out) :: f
+    type(ensemble_job), intent(in) :: job
+    class(driven_system_type), intent(in) :: system
+    class(differentiable_system_type), intent(in) :: motion
+    type(ensemble_block), intent(in) :: block
+    integer(i8) :: n_samples
+    integer :: l, n
+    n = motion%n_dof
+    f%n = n
+    allocate (f%q(n_lanes, system%n_dof), f%v(n_lanes, system%n_dof), source=0.0_wp)
+    f%q(:, :n) = block%q
+    f%v(:, :n) = block%v
+    ! A disturbance in no special direction.
+    if (system%n_dof > n) f%q(:, n + 1:) = 1.0_wp/sqrt(real(n, wp))
+    allocate (f%growth(n_lanes, max(job%n_exponents, 1)), source=0.0_wp)
+    f%q_before = f%q
+    f%v_before = f%v
+    f%together = job%method == taylor_20
+    if (.not. f%together) then
+      call new_explicit(f%method, system%n_dof, job%method, block%frequencies, f%q, f%v, 0.0_wp, &
+                        block%h)
+      if (allocated(system%quarters)) call f%method%turn_phases(system%quarters)
+    end if
+    if (job%n_exponents > 1) call take_others(f, n, job%n_exponents - 1)
+    if (job%moments) call new_moments(f%moments, n, block%h)
+    if (job%moments .and. .not. f%together) call gather(f, system, job, 0_i8)
+    n_samples = (job%n_steps - job%n_discard)/job%sample_every
+    call new_lines(f%lines, n, job%lines, &
+                   block%h*real(job%n_discard + job%sample_every, wp), &
+                   block%h*real(job%sample_every, wp), n_samples)
+    call measure_margin(f, system, block%h)
+    do l = 1, n_lanes
+      call f%layers(l)%begin(motion, 0.0_wp, f%q(l, :n), f%v(l, :n), f%together)
+    end do
+  end subroutine take_off
+
+  !> Take in for peaks and means what counts of step i, which ends here; its end alone of one before.
+  subroutine gather(f, system, job, i)
+    type(flight_type), intent(inout) :: f
+    class(driven_system_type), intent(in) :: system
+    type(ensemble_job), intent(in) :: job
+    integer(i8), intent(in) :: i
+
+    if (i < job%n_discard - 2) return
+    if (.not. f%together) call f%method%get_accelerations(system, f%a)
+    if (i > job%n_discard) then
+      call f%moments%add(f%q, f%v, f%a, f%alive, 1.0_wp)
+    else if (i == job%n_discard .and. job%ahead > 0.0_wp) then
+      call f%moments%add(f%q, f%v, f%a, f%alive, job%ahead)
+    else
+      call f%moments%begin(f%q, f%v, f%a)
+    end if
+  end subroutine gather
+
+  !> Further disturbances, each along a coordinate or a velocity of its own.
+  subroutine take_others(f, n, count)
+    type(flight_type), intent(inout) :: f
+    integer, intent(in) :: n, count
+    real(wp) :: q(n_lanes, 2*n), v(n_lanes, 2*n)
+    integer :: j
+
+    allocate (f%others(count))
+    do j = 1, count
+      f%others(j) = f%method
+      q = f%q
+      v = f%v
+      q(:, n + 1:) = 0.0_wp
+      v(:, n + 1:) = 0.0_wp
+      if (j <= n) then
+        v(:, n + j) = 1.0_wp
+      else
+        q(:, j) = 1.0_wp
+      end if
+      call f%others(j)%set_from(n + 1, q, v)
+    end do
+    call rescale(f, .true.)
+  end subroutine take_others
+
+  !> Remember where step i begins.
+  subroutine before_step(f, i)
+    type(flight_type), intent(inout) :: f
+    integer(i8), intent(in) :: i
+    f%q_before(:, :) = f%q
+    f%v_before(:, :) = f%v
+    if (f%past%is_due()) call f%past%note(real(i - 1, wp), f%q, f%v)
+  end subroutine before_step
+
+  !> What step i has brought: lanes in which the motion stops within it stand still from then on, of
+  !! the others is gathered what is wanted.
+  subroutine after_step(f, job, system, motion, block, i, made)
+    type(flight_type), intent(inout) :: f
+    type(ensemble_job), intent(in) :: job
+    class(driven_system_type), intent(in) :: system
+    class(differentiable_system_type), intent(in) :: motion
+    type(ensemble_block), intent(inout) :: block
+    integer(i8), intent(in) :: i
+    logical, intent(in) :: made(n_lanes)
+
+    call find_stops(f, job, system, motion, block, i, made)
+    if (f%layers(1)%on) call watch_layers(f, motion, block, i, i == job%n_steps)
+    if (job%moments) call gather(f, system, job, i)
+    if (system%n_dof > f%n .and. (mod(i, int(rescaling, i8)) == 0 .or. i == job%n_discard &
+                                  .or. i == job%n_steps)) call rescale(f, i <= job%n_discard)
+    if (i <= job%n_discard) return
+    if (f%lines%n > 0 .and. mod(i - job%n_discard, job%sample_every) == 0) then
+      call f%lines%add(f%q, f%alive)
+    end if
+    if (job%section_every > 0) then
+      if (mod(i - job%n_discard, job%section_every) == 0) then
+        call keep_section(f, int((i - job%n_discard)/job%section_every), block)
+      end if
+    end if
+  end subroutine after_step
+
+  !> Lanes in which the motion stops within step i.
+  subroutine find_stops(f, job, system, motion, block, i, made)
+    type(flight_type), intent(inout) :: f
+    type(ensemble_job), intent(in) :: job
+    class(driven_system_type), intent(in) :: system
+    class(differentiable_system_type), intent(in) :: motion
+    type(ensemble_block), intent(inout) :: block
+    integer(i8), intent(in) :: i
+    logical, intent(in) :: made(n_lanes)
+    real(wp), dimension(n_lanes) :: margin_before, rate_before, least
+    logical, dimension(n_lanes) :: good, doubtful
+    integer :: l
+
+    margin_before = f%margin
+    rate_before = f%rate
+    good = made .and. sum(abs(f%q(:, :f%n)), 2)/system%range%coordinate &
+           + sum(abs(f%v(:, :f%n)), 2)/system%range%speed <= 1.0_wp
+    call measure_margin(f, system, block%h)
+    doubtful = f%alive .and. .not. good
+    if (system%limited) then
+      least = least_between(margin_before, rate_before, f%margin, f%rate)
+      if (f%method%table%implicit) least = min(least, f%method%margin_at_nodes(system))
+      do l = 1, n_lanes
+        if (doubtful(l) .or. .not. f%alive(l)) cycle
+        doubtful(l) = needs_small_steps(motion, l, f%q_before(l, :f%n), f%v_before(l, :f%n), &
+                                        block%h(l), least(l))
+      end do
+    end if
+    if (.not. any(doubtful)) return
+    do l = 1, n_lanes
+      if (doubtful(l)) call judge_lane(f, job, system, motion, block, i, l, good(l))
+    end do
+  end subroutine find_stops
+
+  !> Margin of the physics in every lane, and its change in a step.
+  subroutine measure_margin(f, system, h)
+    type(flight_type), intent(inout) :: f
+    class(driven_system_type), intent(in) :: system
+    real(wp), intent(in) :: h(n_lanes)
+    f%margin = system%margin(f%q)
+    f%rate = system%margin(f%q + spread(h, 2, system%n_dof)*f%v) - f%margin
+  end subroutine measure_margin
+
+  !> Whether the motion of a lane stops inside step i, and where.
+  subroutine judge_lane(f, job, system, motion, block, i, l, good)
+    type(flight_type), intent(inout) :: f
+    type(ensemble_job), intent(in) :: job
+    class(driven_system_type), intent(in) :: system
+    class(differentiable_system_type), intent(in) :: motion
+    type(ensemble_block), intent(inout) :: block
+    integer(i8), intent(in) :: i
+    integer, intent(in) :: l
+    logical, intent(in) :: good
+    type(stop_type) :: stop
+    integer :: k, point
+
+    call find_stop(motion, f%n, l, block%frequencies, f%q_before(l, :f%n), f%v_before(l, :f%n), &
+                   real(i - 1, wp)*block%h(l), block%h(l), stop)
+    if (stop%outcome == run_completed .or. stop%outcome == run_coarse) then
+      if (stop%outcome == run_completed .and. system%limited .and. stop%near_edge) then
+        call put_motion(f, l, stop%q, stop%v)
+        call measure_margin(f, system, block%h)
+        return
+      end if
+      if (good .and. f%margin(l) > 0.0_wp) return
+      stop%outcome = run_coarse
+    end if
+    call f%past%confirm(motion, l, f%n, l, block%frequencies, block%h(l), &
+                        real(i - 1, wp)*block%h(l), block%h(l), stop)
+    if (stop%outcome == run_coarse) then
+      stop%ahead = 0.0_wp
+      stop%q = f%q_before(l, :f%n)
+      stop%v = f%v_before(l, :f%n)
+    end if
+    block%outcome(l) = stop%outcome
+    block%t_reached(l) = real(i - 1, wp)*block%h(l) + stop%ahead
+    ! Small steps may find the stop before points that were kept.
+    do point = 1, size(block%sections, 3)
+      if (block%t_reached(l) >= block%h(l)*real(job%n_discard + point*job%section_every, wp)) cycle
+      block%sections(l, :, point) = ieee_value(1.0_wp, ieee_quiet_nan)
+    end do
+    f%alive(l) = .false.
+    block%q(l, :) = stop%q
+    block%v(l, :) = stop%v
+    ! Beside a stop accelerations may be infinite: the lane waits at rest instead.
+    f%q(l, :) = 0.0_wp
+    f%v(l, :) = 0.0_wp
+    if (f%together) return
+    call f%method%set_lane(l, f%q(l, :), f%v(l, :))
+    call f%method%stop_lane(l)
+    if (allocated(f%others)) then
+      do k = 1, size(f%others)
+        call f%others(k)%set_lane(l, f%q(l, :), f%v(l, :))
+        call f%others(k)%stop_lane(l)
+      end do
+    end if
+  end subroutine judge_lane
+
+  !> The motion of a lane as small steps find it; its disturbances stay.
+  subroutine put_motion(f, l, q, v)
+    type(flight_type), intent(inout) :: f
+    integer, intent(in) :: l
+    real(wp), intent(in) :: q(:), v(:)
+    real(wp), dimension(n_lanes, size(f%q, 2)) :: other_q, other_v
+    integer :: k
+
+    f%q(l, :f%n) = q
+    f%v(l, :f%n) = v
+    call f%method%set_lane(l, f%q(l, :), f%v(l, :))
+    if (.not. allocated(f%others)) return
+    do k = 1, size(f%others)
+      call f%others(k)%get_state(other_q, other_v)
+      other_q(l, :f%n) = q
+      other_v(l, :f%n) = v
+      call f%others(k)%set_lane(l, other_q(l, :), other_v(l, :))
+    end do
+  end subroutine put_motion
+
+  !> Make the disturbances orthonormal again (Gram and Schmidt); their growth counts once
+  !! something is gathered.
+  subroutine rescale(f, too_early)
+    type(flight_type), intent(inout) :: f
+    logical, intent(in) :: too_early
+    real(wp), dimension(n_lanes, size(f%q, 2)) :: q, v
+    real(wp), allocatable :: at(:, :, :)
+    real(wp) :: along(n_lanes)
+    integer :: i, j, k
+
+    allocate (at(n_lanes, 2*(size(f%q, 2) - f%n), size(f%growth, 2)))
+    do j = 1, size(f%growth, 2)
+      if (j == 1) then
+        call f%method%get_state(q, v)
+      else
+        call f%others(j - 1)%get_state(q, v)
+      end if
+      at(:, :f%n, j) = q(:, f%n + 1:)
+      at(:, f%n + 1:, j) = v(:, f%n + 1:)
+      ! Twice: once leaves what rounding of large parts left.
+      do k = 1, merge(2, 0, j > 1)
+        do i = 1, j - 1
+          along = sum(at(:, :, i)*at(:, :, j), 2)
+          at(:, :, j) = at(:, :, j) - spread(along, 2, size(at, 2))*at(:, :, i)
+        end do
+      end do
+      along = sqrt(sum(at(:, :, j)**2, 2))
+      where (f%alive .and. along > 0.0_wp)
+        f%growth(:, j) = f%growth(:, j) + log(along)
+      else where
+        along = 1.0_wp
+      end where
+      at(:, :, j) = at(:, :, j)/spread(along, 2, size(at, 2))
+      if (j == 1) then
+        call f%method%scale_lanes(f%n + 1, 1.0_wp/along)
+      else
+        q(:, f%n + 1:) = at(:, :f%n, j)
+        v(:, f%n + 1:) = at(:, f%n + 1:, j)
+        call f%others(j - 1)%set_from(f%n + 1, q, v)
+      end if
+    end do
+    if (too_early) f%growth = 0.0_wp
+  end subroutine rescale
+
+  subroutine keep_section(f, point, block)
+    type(flight_type), intent(in) :: f
+    integer, intent(in) :: point
+    type(ensemble_block), intent(inout) :: block
+    integer :: d, l
+    if (point > size(block%sections, 3)) return
+    do l = 1, n_lanes
+      if (.not. f%alive(l)) cycle
+      do d = 1, f%n
+        block%sections(l, 2*d - 1, point) = f%q(l, d)
+        block%sections(l, 2*d, point) = f%v(l, d)
+      end do
+    end do
+  end subroutine keep_section
+
+  !> Last states, and what was gathered.
+  subroutine land(f, job, block)
+    type(flight_type), intent(inout) :: f
+    type(ensemble_job), intent(in) :: job
+    type(ensemble_block), intent(inout) :: block
+    real(wp) :: nowhere(n_lanes)
+    integer :: l
+
+    where (f%alive) block%t_reached = block%h*real(job%n_steps, wp)
+    do l = 1, n_lanes
+      if (.not. f%alive(l)) cycle
+      block%q(l, :) = f%q(l, :f%n)
+      block%v(l, :) = f%v(l, :f%n)
+    end do
+    if (job%moments) then
+      allocate (block%peak(n_lanes, f%n, 2))
+      allocate (block%mean, block%rms, mold=block%peak)
+      call f%moments%hand_over(block%peak, block%mean, block%rms)
+    end if
+    ! Of a motion that stopped, peaks and means are those until then; what belongs to the
+    ! whole of it is not known.
+    nowhere = merge(0.0_wp, ieee_value(1.0_wp, ieee_quiet_nan), f%alive)
+    if (f%lines%n > 0) then
+      block%lines = f%lines%amplitudes()
+      block%lines = block%lines + spread(spread(cmplx(nowhere, nowhere, wp), 2, f%lines%n), 3, f%n)
+    end if
+    block%lyapunov = f%growth/spread(block%h*real(job%n_steps - job%n_discard, wp), 2, &
+                                     size(f%growth, 2)) + spread(nowhere, 2, size(f%growth, 2))
+  end subroutine land
+
+end module viscovib_flight

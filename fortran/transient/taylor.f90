@@ -1,0 +1,225 @@
+!> Taylor's method of order 20 in fixed steps, many motions side by side in four blocks of lanes:
+!! for large ensembles of systems whose forces have power series.
+!!
+!! An order of the series costs as many products as it has coefficients, far fewer operations than
+!! stages of a Runge-Kutta method of the same order, and reading the forces' program is shared by
+!! all blocks. Every lane does the same arithmetic whatever its neighbours hold.
+module viscovib_taylor
+  use viscovib_aligned, only: alignment_slack, first_aligned
+  use viscovib_kinds, only: wp
+  use viscovib_lane_motion, only: lane_motion_type
+  use viscovib_lanes, only: n_lanes
+  use viscovib_motion_series, only: motion_series, new_motion_series
+  use viscovib_phases, only: split_phase, step_phase
+  use viscovib_vector_math, only: sine_cosine_lanes
+  use viscovib_wide_series, only: n_wide
+  implicit none
+  private
+
+  public :: new_taylor, taylor_type
+
+  integer, parameter :: order = 20
+  !> The last terms of series that converge within a step are at most this part of the motion.
+  real(wp), parameter :: most_left = 1.0e-4_wp
+
+  type :: taylor_type
+    !> Lanes whose series converged in the last step.
+    logical :: made(n_wide) = .true.
+    type(motion_series), private :: series
+    real(wp), dimension(n_wide), private :: h = 0.0_wp, turning = 0.0_wp
+    !> State and what rounding has left out of it, shape (n_wide, n_dof).
+    real(wp), allocatable, dimension(:, :), private :: q, v, q_rest, v_rest
+    !> The load's phase and its growth in a step, in two parts.
+    real(wp), dimension(n_wide), private :: high = 0.0_wp, low = 0.0_wp
+    real(wp), dimension(n_wide), private :: step_high = 0.0_wp, step_low = 0.0_wp
+    !> Coefficients, and where they begin.
+    real(wp), allocatable, private :: room(:)
+    integer, private :: first = 1
+  contains
+    procedure :: step
+    procedure :: expand_first
+    procedure :: get_block
+    procedure :: get_accelerations
+    procedure :: stop_lane
+    procedure, private :: step_in_room
+    procedure, private :: expand_in_room
+    procedure, private :: accelerations_in_room
+  end type taylor_type
+
+contains
+
+  !> Start at time 0.
+  subroutine new_taylor(method, motions, frequencies, q, v, h)
+    type(taylor_type), intent(out) :: method
+    !> A block each.
+    type(lane_motion_type), intent(in) :: motions(:)
+    !> Of all lanes: circular frequencies of the loads, states, and steps; shape (n_wide, n_dof).
+    real(wp), intent(in) :: frequencies(n_wide), q(:, :), v(:, :), h(n_wide)
+    logical :: known
+
+    call new_motion_series(method%series, motions, known)
+    method%q = q
+    method%v = v
+    method%q_rest = 0.0_wp*q
+    method%v_rest = 0.0_wp*v
+    method%h = h
+    method%turning = frequencies*h
+    call split_phase(frequencies, h, method%step_high, method%step_low)
+    allocate (method%room(n_wide*(order + 1)*method%series%program%n_registers + alignment_slack), &
+              source=0.0_wp)
+    method%first = first_aligned(method%room)
+  end subroutine new_taylor
+
+  !> One step of every lane.
+  subroutine step(self)
+    class(taylor_type), intent(inout) :: self
+    call self%step_in_room(self%room(self%first))
+    call step_phase(self%high, self%low, self%step_high, self%step_low)
+  end subroutine step
+
+  subroutine step_in_room(self, s)
+    class(taylor_type), intent(inout) :: self
+    real(wp), intent(inout) :: s(n_wide, 0:order, self%series%program%n_registers)
+    real(wp), dimension(n_wide) :: left, size_of
+    logical :: lost(n_wide)
+    integer :: d, n
+
+    n = self%series%n_dof
+    call self%expand_in_room(s, lost)
+    left = 0.0_wp
+    size_of = 0.0_wp
+    do d = 1, n
+      call add_terms(s(1, 0, d), self%q(1, d), self%q_rest(1, d), left, size_of, self%h, .false.)
+      call add_terms(s(1, 0, n + d), self%v(1, d), self%v_rest(1, d), left, size_of, self%h, .true.)
+    end do
+    self%made = .not. lost .and. left <= most_left*size_of
+  end subroutine step_in_room
+
+  !> The series of the first step, of which nothing but the accelerations at its start is asked.
+  subroutine expand_first(self)
+    class(taylor_type), intent(inout) :: self
+    logical :: lost(n_wide)
+    call self%expand_in_room(self%room(self%first), lost)
+  end subroutine expand_first
+
+  !> The series from the present state on.
+  subroutine expand_in_room(self, s, lost)
+    class(taylor_type), intent(inout) :: self
+    real(wp), intent(inout) :: s(n_wide, 0:order, self%series%program%n_registers)
+    logical, intent(out) :: lost(n_wide)
+    real(wp), dimension(n_wide) :: cosine, sine
+    integer :: n
+
+    n = self%series%n_dof
+    s(:, 0, :n) = self%q
+    s(:, 0, n + 1:2*n) = self%v
+    call cosines(self%high, self%low, cosine, sine)
+    call self%series%expand(order, self%h, self%turning, cosine, sine, s, lost)
+  end subroutine expand_in_room
+
+  !> Accelerations of a block at the end of the step whose series is known, or at its start: the
+  !! terms of a velocity are v_k = v^(k) h^k/k!, so that h v' = sum_k k v_k.
+  subroutine get_accelerations(self, block, at_end, a)
+    class(taylor_type), intent(in) :: self
+    integer, intent(in) :: block
+    logical, intent(in) :: at_end
+    !> Shape (n_lanes, n_dof or more).
+    real(wp), intent(inout) :: a(:, :)
+    call self%accelerations_in_room(self%room(self%first), n_lanes*(block - 1), at_end, a)
+  end subroutine get_accelerations
+
+  pure subroutine accelerations_in_room(self, s, before, at_end, a)
+    class(taylor_type), intent(in) :: self
+    real(wp), intent(in) :: s(n_wide, 0:order, self%series%program%n_registers)
+    !> Lanes of the blocks before.
+    integer, intent(in) :: before
+    logical, intent(in) :: at_end
+    real(wp), intent(inout) :: a(:, :)
+    real(wp) :: total(n_lanes)
+    integer :: d, k, l
+
+    do d = 1, self%series%n_dof
+      total = 0.0_wp
+      do k = merge(order, 1, at_end), 1, -1
+        total = total + k*s(before + 1:before + n_lanes, k, self%series%n_dof + d)
+      end do
+      do l = 1, n_lanes
+        ! A lane that waits at rest has steps of length 0.
+        a(l, d) = 0.0_wp
+        if (self%h(before + l) > 0.0_wp) a(l, d) = total(l)/self%h(before + l)
+      end do
+    end do
+  end subroutine accelerations_in_room
+
+  !> cos and sin of phases in two parts.
+  pure subroutine cosines(high, low, cosine, sine)
+    real(wp), intent(in), dimension(n_wide) :: high, low
+    real(wp), intent(out), dimension(n_wide) :: cosine, sine
+    real(wp), dimension(n_lanes) :: c, s
+    integer :: first, last
+
+    do first = 1, n_wide, n_lanes
+      last = first + n_lanes - 1
+      call sine_cosine_lanes(high(first:last), s, c)
+      cosine(first:last) = c - s*low(first:last)
+      sine(first:last) = s + c*low(first:last)
+    end do
+  end subroutine cosines
+
+  !> The sum of a series, the smallest terms first, added to the state in compensated summation; its
+  !! last two terms and its size besides, of a velocity times the step.
+  pure subroutine add_terms(s, x, rest, left, size_of, h, is_rate)
+    real(wp), intent(in) :: s(n_wide, 0:order), h(n_wide)
+    real(wp), intent(inout), dimension(n_wide) :: x, rest, left, size_of
+    logical, intent(in) :: is_rate
+    real(wp) :: change(n_wide), new, unit
+    integer :: k, l
+
+    change = s(:, order)
+    do k = order - 1, 1, -1
+      !GCC$ unroll 1
+      do l = 1, n_wide
+        change(l) = change(l) + s(l, k)
+      end do
+    end do
+    !GCC$ unroll 1
+    do l = 1, n_wide
+      unit = merge(h(l), 1.0_wp, is_rate)
+      left(l) = left(l) + unit*(abs(s(l, order)) + abs(s(l, order - 1)))
+      size_of(l) = size_of(l) + unit*(abs(x(l)) + abs(change(l)))
+      change(l) = change(l) + rest(l)
+      new = x(l) + change(l)
+      rest(l) = change(l) - (new - x(l))
+      x(l) = new
+    end do
+  end subroutine add_terms
+
+  !> The states of a block, and which of its lanes made the last step.
+  pure subroutine get_block(self, block, q, v, made)
+    class(taylor_type), intent(in) :: self
+    integer, intent(in) :: block
+    !> Shape (n_lanes, n_dof).
+    real(wp), intent(out) :: q(:, :), v(:, :)
+    logical, intent(out) :: made(n_lanes)
+    integer :: first, last
+    first = n_lanes*(block - 1) + 1
+    last = n_lanes*block
+    q = self%q(first:last, :)
+    v = self%v(first:last, :)
+    made = self%made(first:last)
+  end subroutine get_block
+
+  !> Let a lane of a block wait at rest from now on.
+  pure subroutine stop_lane(self, block, lane)
+    class(taylor_type), intent(inout) :: self
+    integer, intent(in) :: block, lane
+    integer :: l
+    l = n_lanes*(block - 1) + lane
+    self%h(l) = 0.0_wp
+    self%q(l, :) = 0.0_wp
+    self%v(l, :) = 0.0_wp
+    self%q_rest(l, :) = 0.0_wp
+    self%v_rest(l, :) = 0.0_wp
+  end subroutine stop_lane
+
+end module viscovib_taylor
