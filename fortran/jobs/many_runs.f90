@@ -457,24 +457,33 @@ contains
     real(wp), dimension(size(fine%state, 1), size(fine%state, 2)) :: along, parts
     real(wp), dimension(size(fine%state, 1)) :: sizes, tops
     real(wp), dimension(size(fine%ended)) :: late, moved
+    real(wp) :: rounded
     logical :: alive(size(fine%ended))
-    integer :: d
+    integer :: d, i
 
     alive = coarse%ended == run_completed .and. fine%ended == run_completed
     parts = abs(fine%state - coarse%state)
     ! Of a state that has run away the time is what is known.
     where (spread(fine%ended == run_diverged, 1, size(parts, 1))) parts = 0.0_wp
     moved = abs(fine%t_reached - coarse%t_reached)
-    along = max(abs(fine%peak - coarse%peak), abs(fine%mean - coarse%mean), &
-                abs(fine%rms - coarse%rms))
-    where (.not. spread(alive, 1, size(parts, 1))) along = 0.0_wp
+    along = 0.0_wp
+    tops = 0.0_wp
+    rounded = 0.0_wp
+    do i = 1, size(alive)
+      ! Of a motion that stopped peaks and means are no numbers.
+      if (.not. alive(i)) cycle
+      along(:, i) = max(abs(fine%peak(:, i) - coarse%peak(:, i)), &
+                        abs(fine%mean(:, i) - coarse%mean(:, i)), &
+                        abs(fine%rms(:, i) - coarse%rms(:, i)))
+      tops = max(tops, fine%peak(:, i))
+      rounded = max(rounded, maxval(abs(fine%state(:, i))), maxval(fine%peak(:, i)))
+    end do
     change = max(maxval(parts), maxval(along), maxval(moved))
     met = .false.
     if (any(coarse%ended /= fine%ended .or. fine%ended == run_coarse)) change = huge(1.0_wp)
     if (.not. change < huge(1.0_wp)) return
     do d = 1, size(sizes)
       sizes(d) = maxval([0.0_wp, pack(abs(fine%state(d, :)), alive)])
-      tops(d) = maxval([0.0_wp, pack(fine%peak(d, :), alive)])
     end do
     sizes = absolute + relative*max(sizes, smallest*maxval(sizes))
     tops = absolute + relative*max(tops, smallest*maxval(tops))
@@ -484,8 +493,7 @@ contains
       met = met .and. all(.not. alive .or. (parts(d, :) <= sizes(d) .and. along(d, :) <= tops(d)))
     end do
     if (.not. met) return
-    change = max(change, 4.0_wp*epsilon(1.0_wp) &
-                 *maxval([0.0_wp, pack(maxval(max(abs(fine%state), fine%peak), 1), alive)]))
+    change = max(change, 4.0_wp*epsilon(1.0_wp)*rounded)
     if (.not. all(alive)) change = max(change, located*max(1.0_wp, maxval(fine%t_reached, &
                                                                           mask=.not. alive)))
   end subroutine compare

@@ -76,8 +76,10 @@ contains
     integer :: place(size(self%arguments, 1)), i
     logical :: used(size(self%arguments, 1))
 
-    used = [(any(self%program%code == put_argument .and. nint(self%program%number) == i), &
-             i=1, size(used))]
+    used = .false.
+    do i = 1, size(self%program%code)
+      if (self%program%code(i) == put_argument) used(nint(self%program%number(i))) = .true.
+    end do
     if (.not. any(used)) used(1) = .true.
     place = 0
     place(pack([(i, i=1, size(used))], used)) = [(i, i=1, count(used))]
