@@ -49,13 +49,23 @@ STICKS = "vv.Spring(on='x2', law='0.2*sign(v)')"
 PARTS = {
     "kink": 'vv.Spring(on="x2", law="5*max(d - 0.1, 0) + d*abs(v)")',
     "sticks": STICKS,
-    "sticks and turns": f"{SLIDER}, {STICKS}",
     "Iwan": 'vv.Iwan(on={"x1": 1, "x3": -1}, stiffness=[2, 3], limit=[0.1, 0.3])',
     "BoucWen": 'vv.BoucWen(on="x2", stiffness=3, ratio=0.1, beta=5, gamma=2, exponent=1.5)',
     "Dahl": 'vv.Dahl(on="x2", stiffness=3, limit=0.2)',
     "stop": 'vv.Stop(on="x2", gap=0.1, restitution=0.6)',
     "stop and slider": f'vv.Stop(on="x1", gap=0.1, restitution=0), {SLIDER}',
 }
+
+
+def test_friction_and_a_slider_that_switch_at_once_are_refused():
+    """Two runs could agree by chance there; not on deflections of their own."""
+    sticks = vv.Spring(on="x2", law="0.2*sign(v)")
+    with pytest.raises(vv.InputError, match="of more than 6 coordinates takes no law that switches"):
+        vv.simulate(
+            chain(N, vv.Jenkins(on="x2", stiffness=3, limit=0.1), sticks), 1, load=push(N), nu=0.7
+        )
+    run = vv.simulate(chain(N, slider(), sticks), 1, load=push(N), nu=0.7)
+    assert run.outcome == "completed"
 
 
 @pytest.mark.parametrize("name", PARTS)

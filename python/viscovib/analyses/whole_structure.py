@@ -26,7 +26,7 @@ from viscovib.systems.load import LoadLike
 from viscovib.systems.load_table import LoadTable
 from viscovib.systems.structure import Structure
 from viscovib.systems.structure_matrices import dense_of
-from viscovib.systems.whole import has_text_laws, seen_by_laws, switches, whole_system
+from viscovib.systems.whole import has_text_laws, seen_by_laws, shares_switches, switches, whole_system
 
 
 def goes_whole(
@@ -57,6 +57,11 @@ def goes_whole(
         told = "is for structures all of whose coordinates have mass"
     elif n > MAX_DOF and coordinates is not None:
         told = "keeps all coordinates: `coordinates` must not be given"
+    elif n > MAX_DOF and shares_switches(system):
+        told = (
+            f"of more than {MAX_DOF} coordinates takes no law that switches with the rate, as "
+            "sign(v), on the deflection of an element with a state"
+        )
     elif base is not None or held is not None:
         told = "takes neither base nor held"
     elif not (isinstance(method, str) and method in methods) or memory != "auto":

@@ -22,6 +22,25 @@ def switches(structure: Structure) -> bool:
     return any(law.state or law.branches for law in _laws_of(structure))
 
 
+def shares_switches(structure: Structure) -> bool:
+    """Whether a law that switches with a rate is on the deflection of an element with a state.
+
+    Both switch where the deflection turns, so that errors are no power of the step.
+    """
+    own = [(e.direction, e.law) for e in structure._all_elements if e.law is not None]
+    with_states = [direction for direction, law in own if law.state]
+    of_rates = [
+        direction
+        for direction, law in own
+        if not law.state
+        and law.branches
+        and max(law.places, default=-1) >= len(law.arguments) - law.n_rates
+    ]
+    return any(
+        (a @ b) ** 2 >= (1 - 1e-12) * (a @ a) * (b @ b) for a in with_states for b in of_rates
+    )
+
+
 def has_text_laws(structure: Structure) -> bool:
     """Whether some law is a function of deflections alone, which may be thinner than a step."""
     return any(not law.state for law in _laws_of(structure))
