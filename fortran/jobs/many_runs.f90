@@ -291,8 +291,7 @@ contains
     d = size(self%starts, 1)/2
     n_drives = 2
     if (self%subject%is_pendulum) n_drives = size(self%subject%pendulum%drives)
-    allocate (block%q(n_lanes, d), block%v(n_lanes, d))
-    allocate (block%frequencies(n_lanes, n_drives))
+    allocate (block%q(n_lanes, d), block%v(n_lanes, d), block%frequencies(n_lanes, n_drives))
     allocate (block%sections(n_lanes, 2*d, points), source=0.0_wp)
     do l = 1, n_lanes
       i = min(first + l - 1, size(self%starts, 2))

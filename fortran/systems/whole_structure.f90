@@ -1,4 +1,4 @@
-!> Structures of up to 64 coordinates by their whole equations, in which steps of a motion in time end
+!> Structures of up to 64 coordinates by their whole equations, in which steps in time end
 !! where laws switch.
 !!
 !! M u'' + C u' + K u + sum_j e_j f_j(e_j . u, e_j . u') = load, with C of modal damping in terms of

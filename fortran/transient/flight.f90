@@ -16,7 +16,8 @@ module viscovib_flight
   implicit none
   private
 
-  public :: after_step, before_step, ensemble_block, ensemble_job, flight_type, gather, land, take_off
+  public :: after_step, before_step, ensemble_block, ensemble_job, flight_type, gather, land, &
+    take_off
 
   !> Steps between two rescalings of a disturbance.
   integer, parameter :: rescaling = 8
@@ -137,7 +138,8 @@ contains
     end do
   end subroutine take_off
 
-  !> Take in for peaks and means what counts of step i, which ends here; its end alone of one before.
+  !> Take in for peaks and means what counts of step i, which ends here; of one before them its
+  !! end alone.
   subroutine gather(f, system, job, i)
     type(flight_type), intent(inout) :: f
     class(driven_system_type), intent(in) :: system

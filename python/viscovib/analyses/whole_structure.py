@@ -26,7 +26,13 @@ from viscovib.systems.load import LoadLike
 from viscovib.systems.load_table import LoadTable
 from viscovib.systems.structure import Structure
 from viscovib.systems.structure_matrices import dense_of
-from viscovib.systems.whole import has_text_laws, seen_by_laws, shares_switches, switches, whole_system
+from viscovib.systems.whole import (
+    has_text_laws,
+    seen_by_laws,
+    shares_switches,
+    switches,
+    whole_system,
+)
 
 
 def goes_whole(
