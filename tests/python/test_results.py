@@ -139,10 +139,10 @@ NOT_FOUND = [
     "AbelKernel", "Arrhenius", "Body", "BoucWen", "Coupling", "CreepData", "CubicSystem", "Dahl",
     "Event", "Explorer", "ExponentialSum", "FluidTrack", "Gap", "Iwan", "Jenkins", "Kernel",
     "KernelFit", "LoadTable", "Monomial", "Mount", "MountPoint", "MultipleScales", "Past",
-    "Pendulum", "PeriodicMotions", "Plan", "PolynomialSystem", "PronyKernel", "RabotnovKernel",
-    "RelaxationData", "Result", "RzhanitsynKernel", "Sample", "Scene", "ShiftLaw", "ShiftTable",
-    "Spring", "Springs", "Stop", "Structure", "SumKernel", "TabulatedKernel", "ThermalKernel",
-    "WLF",
+    "Pendulum", "PeriodicMotions", "Plan", "PolynomialSystem", "PronyKernel", "PythonLaw",
+    "RabotnovKernel", "RelaxationData", "Result", "RzhanitsynKernel", "Sample", "Scene",
+    "ShiftLaw", "ShiftTable", "Spring", "Springs", "Stop", "Structure", "SumKernel",
+    "TabulatedKernel", "ThermalKernel", "WLF",
 ]  # fmt: skip
 #: Found by the tests of their own: of curves, of scenes, of amplitudes.
 ELSEWHERE = [

@@ -236,8 +236,12 @@ def basins(
             more = simulate_ensemble(system, initial=run.state, t_end=0.1 * end, **(call | finer))
         points, most = np.stack([run.state, more.state], axis=1), 1
     ended = run.outcome == "completed"
-    scale, labels, periods, moved, shown, n_orbits = core.basin_orbits(
-        states.T, np.transpose(points, (2, 1, 0)), ended, most, near, _fastest(system, call)
+    fastest = _fastest(system, call)
+    # Of many starts and attractors every one is compared with every other.
+    scale, labels, periods, moved, shown, n_orbits = _native.apart(
+        lambda: core.basin_orbits(
+            states.T, np.transpose(points, (2, 1, 0)), ended, most, near, fastest
+        )
     )
     shown = shown[:n_orbits]
     attractors = tuple(np.array(points[i, -periods[i] :]) for i in shown)

@@ -11,8 +11,9 @@ from viscovib.systems.laws import Law
 from viscovib.systems.polynomial_system import PolynomialSystem
 from viscovib.systems.structure import Structure
 
-#: Places beside rest, and by how much secants to them differ where no slope is finite.
-_NEAR, _ENDLESS = (1e-20, 1e-40), 10.0
+#: Places beside rest, and by how much secants to them differ where no slope is finite: at least,
+#: and less than where the law jumps.
+_NEAR, _ENDLESS, _JUMPS = (1e-20, 1e-40), 10.0, 1e19
 #: Positions at which a law is tried (some stops are open at 0), and a velocity beside 0.
 _POSITIONS, _BESIDE = (0.0, 1.0, -1.0, 1e-3, -1e-3, 1e3, -1e3), 1e-250
 
@@ -64,7 +65,7 @@ def _sticks(law: Law) -> bool:
 
 
 def _endless_slope(law: Law) -> str:
-    """Say where a law beside rest rises by a power below 1, or jumps; nothing if it does not."""
+    """Say where a law beside rest rises by a power below 1; nothing if it does not."""
     if law.state:
         return ""
     n = len(law.arguments)
@@ -74,6 +75,6 @@ def _endless_slope(law: Law) -> str:
             at = np.zeros((2, n))
             at[:, place] = side * np.array(_NEAR)
             steps = np.abs(law(at)[0] - rest) / np.array(_NEAR)
-            if steps[1] > _ENDLESS * steps[0]:
+            if _ENDLESS * steps[0] < steps[1] < _JUMPS * steps[0]:
                 return f"{law.text!r} at {law.arguments[place]} = 0"
     return ""
