@@ -69,7 +69,7 @@ def main() -> int:
         for name in empty:
             print(f"{name}: no claim was judged")
         print(f"self-test: {len(unseen)} claims in which an injected error is not found")
-        return 1 if unseen or empty else 0
+        return 1 if unseen or empty or failures else 0
     return 1 if failures else 0
 
 

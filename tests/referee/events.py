@@ -91,8 +91,8 @@ middle = m(m.t_reached / 3)
         )  # fmt: skip
         yield Claim("outcome", names["outcome"], "completed")
         size = max(1.0, np.abs(run.y).max())
-        yield Claim("state", names["last"] / size, run.y[:, -1] / size, 1e-6)
-        yield Claim("between", names["middle"] / size, run.sol(_END / 3) / size, 1e-6)
+        yield Claim("state", names["last"] / size, run.y[:, -1] / size, 1e-6, damage=1e-2)
+        yield Claim("between", names["middle"] / size, run.sol(_END / 3) / size, 1e-6, damage=1e-2)
         t = np.linspace(0, _END, 40_001)
         g = plain(t, run.sol(t))
         turns = np.flatnonzero(np.diff(np.sign(np.diff(g))) != 0) + 1

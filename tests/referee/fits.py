@@ -84,7 +84,7 @@ symmetric = abs(fit.correlation - fit.correlation.T).max()
             low, high = interval[name]
             # Five standard errors, and what rounding leaves.
             allowed = 5 / 2 * (high - low) / 1.96 + 1e-7 * value
-            yield Claim(f"{kind} {name}", found[name], value, allowed)
+            yield Claim(f"{kind} {name}", found[name], value, allowed, damage=10)
             yield Claim(
                 f"{kind} {name} from a file", names["back"][name], found[name], 1e-12 * value
             )
@@ -100,12 +100,16 @@ symmetric = abs(fit.correlation - fit.correlation.T).max()
         if noise and not loose and not names["bound"]:
             low, high = interval["modulus"]
             width = high - low
-            yield Claim("band", np.array(names["ends"]), np.array([low, high]), 0.3 * width)
+            ends = np.array([low, high])
+            yield Claim("band", np.array(names["ends"]), ends, 0.3 * width, damage=1)
             low, high = interval["alpha"]
             yield Claim(
-                "profile", np.array(names["profile"]), np.array([low, high]), 0.3 * (high - low)
+                "profile", np.array(names["profile"]), np.array([low, high]), 0.3 * (high - low),
+                damage=1,
+            )  # fmt: skip
+            yield Claim(
+                "error", names["error"][0], width / modulus / 3.94, 0.05 * width / modulus, damage=1
             )
-            yield Claim("error", names["error"][0], width / modulus / 3.94, 0.05 * width / modulus)
             yield Claim("covariance", bool(names["error"][1] > -1e-12), True)
             yield Claim("growth of errors", bool((names["growth"] > 0.99).all()), True)
             yield Claim("correlation", bool(names["symmetric"] < 1e-9), True)
@@ -136,9 +140,12 @@ sets = len(step.sets()) + len(crept.measured.data.sets())
                     beta = which == "second" and name == "beta"
                     exact = lost + a if beta else value
                     # The difference of beta and amplitude was rounded to six digits.
-                    yield Claim(f"{which} {name}", names[which][name], exact, 2e-5 * value)
-        yield Claim("relaxed", names["zener"]["relaxed"], modulus * (1 - a / b), 1e-6 * modulus)
-        yield Claim("sets", names["sets"], 2, 0.1)
+                    yield Claim(
+                        f"{which} {name}", names[which][name], exact, 2e-5 * value, damage=1e-2
+                    )
+        relaxed = modulus * (1 - a / b)
+        yield Claim("relaxed", names["zener"]["relaxed"], relaxed, 1e-6 * modulus, damage=1e-2)
+        yield Claim("sets", names["sets"], 2)
 
     return Case(call, judge, may_refuse=True)
 
@@ -181,12 +188,12 @@ same = abs(vv.read_kernel(path).transform(nu) - terms.kernel.transform(nu)).max(
         yield Claim("kernel of terms", names["own"], names["close"], 1e-10 * size)
         yield Claim("tolerance", bool(names["error"] <= tolerance), True)
         share = 1 - names["terms"].relaxed / names["terms"].modulus
-        yield Claim("lines", names["lines"], -(-2 * names["terms"].times.size // 6), 0.1)
+        yield Claim("lines", names["lines"], -(-2 * names["terms"].times.size // 6))
         yield Claim("shares", names["shares"], share, 1e-7)
         yield Claim("refit", bool(max(names["residual"]) < 0.02), True)
         yield Claim("bare", names["bare"], names["refit"], 1e-12 * size)
         yield Claim("whole", names["whole"], names["fit"].modulus, 1e-9 * modulus)
-        yield Claim("file", names["same"], 0.0, 1e-15)
+        yield Claim("file", 1 + names["same"], 1.0, 1e-15)
 
     return Case(call, judge, may_refuse=True)
 
@@ -215,16 +222,18 @@ laws = np.array([law.c1, law.c2])
 
     def judge(names, told):
         decades = names["decades"]
-        yield Claim("factors", names["found"], decades, 5 * names["sure"] + 0.03)
-        yield Claim("sets", names["count"], 5, 0.1)
+        yield Claim("factors", names["found"], decades, 5 * names["sure"] + 0.03, damage=1)
+        yield Claim("sets", names["count"], 5)
         at = np.interp(30.0, names["warm"], names["found"])
         yield Claim("own law", names["own"], at, 1e-9)
         true = -c1 * 10 / (c2 + 10)
-        yield Claim("fitted law", names["fitted"], true, 5 * names["sure"].max() + 0.05)
+        allowed = 5 * names["sure"].max() + 0.05
+        yield Claim("fitted law", names["fitted"], true, allowed, damage=1)
         yield Claim("reference", names["reference"], 20.0, 1e-9)
         straight = decades[1] + (decades[2] - decades[1]) / 4
         yield Claim("between", names["between"], straight, 1e-12)
-        yield Claim("law", names["laws"], np.array([c1, c2]), 1e-6 * np.array([c1, c2]))
+        both = np.array([c1, c2])
+        yield Claim("law", names["laws"], both, 1e-6 * both, damage=1e-4)
 
     return Case(call, judge, may_refuse=True)
 
@@ -277,7 +286,7 @@ mount = vv.read_dynamic_stiffness(path).modulus
             "compliances", names["compliances"], stiff.imag / factor**2, 1e-13 * size / factor**2
         )
         yield Claim("mount", names["mount"], stiff / factor * 1e3, 1e-14 * size / factor * 1e3)
-        yield Claim("ratio", names["ratio"], wrong, 0.2 * wrong)
+        yield Claim("ratio", names["ratio"], wrong, 0.2 * wrong, damage=1)
 
     return Case(call, judge, may_refuse=True)
 
@@ -302,8 +311,9 @@ static = np.array([law.stiffness, law.parameters["k3"]])
     def judge(names, told):
         true = np.array([k, slip, 2e5])
         yield Claim("Jenkins", names["own"], names["slider"], 1e-12 * k)
-        yield Claim("elements", names["found"], true, 1e-5 * true)
-        yield Claim("stiffness", names["said"], names["total"], 1e-6 * np.abs(names["total"]))
+        yield Claim("elements", names["found"], true, 1e-5 * true, damage=1e-3)
+        size = np.abs(names["total"])
+        yield Claim("stiffness", names["said"], names["total"], 1e-6 * size, damage=1e-4)
         yield Claim("static", names["static"], np.array([k, cubic]), 1e-9 * np.array([k, cubic]))
 
     return Case(call, judge, may_refuse=True)

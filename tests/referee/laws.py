@@ -310,7 +310,7 @@ loop, lost = slider.loop(d), float(slider.energy(d))
         middle = 0.5 * (own + np.roll(own, 1))
         work = float(middle @ (d - np.roll(d, 1)))
         size = max(limit * np.ptp(d), 1e-300)
-        yield Claim("work", 1 + abs(names["lost"] - work) / size, 1.0, 3e-3)
+        yield Claim("work", 1 + abs(names["lost"] - work) / size, 1.0, 3e-3, damage=0.1)
         fed = -np.pi * load * x[orders == 1][0].imag
         damped = np.pi * c * nu * float((orders**2 * np.abs(x) ** 2).sum())
         size = np.pi * load * np.abs(x).sum()
