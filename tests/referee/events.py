@@ -102,7 +102,7 @@ middle = m(m.t_reached / 3)
         times = np.sort(np.concatenate([np.empty(0), *run.t_events]))
         yield Claim("events", len(names["times"]), len(times))
         if len(names["times"]):
-            yield Claim("times", names["times"], times, 1e-5)
+            yield Claim("times", names["times"], times, 1e-5, damage=1e-2)
             here = plain(names["times"], names["states"].T)
             off = np.min([np.abs(here - place) for place, _ in levels], axis=0)
             yield Claim("on it", 1 + off.max(), 1.0, 1e-10)

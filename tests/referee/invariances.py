@@ -355,7 +355,8 @@ def _scales(rng, one, two):
         yield Claim("harmonics", sizes[1], sizes[0], 1e-6 * sizes[0].max(), damage=1e-3)
         for i in range(len(p.index)):
             pair = float(q.growth_error[i] / two.time), float(p.growth_error[i])
-            yield Claim("growth_error", *pair, 1e-3 * pair[1] + 1e-12, damage=1.0)
+            # A difference of growths of two orders, each of them rounded.
+            yield Claim("growth_error", *pair, 1e-3 * pair[1] + 1e-11, damage=1.0)
         for i in np.flatnonzero(p.decided & q.decided & p.in_range & q.in_range):
             yield Claim("stable", bool(q.stable[i]), bool(p.stable[i]))
 
