@@ -48,7 +48,10 @@ except vv.SweepError as error:
     return Case(call, judge)
 
 
-_MOUNT = "&mount mass = 1, inertia = 0.1, offset = 0.5, stiffness_x = 10, stiffness_phi = 2 /\n"
+_MOUNT = (
+    "&mount mass = 1, inertia = 0.1, offset = 0.5, stiffness_x = 10, stiffness_phi = 2, "
+    "damping = 0.1 0 0 0.02 /\n"
+)
 _TWO = (
     "&system coordinates = 'a', 'b', units = 'm', 'rad', mass = 1, 1, stiffness = 2, -1, -1, 2, "
     "damping = 0.1, 0, 0, 0.1 /\n"
