@@ -148,6 +148,18 @@ def test_functions_that_cannot_be_laws_are_refused(law, told):
     assert "\n" not in str(caught.value)
 
 
+@pytest.mark.parametrize("seed", range(20))
+def test_laws_whose_parts_cancel_at_rest_are_taken(seed):
+    """Rounding of the parts drowns the differences that derivatives are held against."""
+    a, b = np.random.default_rng(seed).uniform(0.1, 2, 2)
+    for law in (
+        lambda d: b * (np.sqrt(a + d**2) - np.sqrt(a)),
+        lambda d: b * (np.cos(a * d) - 1),
+        lambda d: a * np.exp(b * d / 1e3) - a,
+    ):
+        vv.Spring(on="x1", law=law)
+
+
 def test_a_kinked_function_with_slopes_of_its_own_is_right():
     """What NumPy's `interp` gives has no complex step."""
 

@@ -24,8 +24,8 @@ _STEP = 1e-40
 #: parts of the size. Differences that agree with each other tell; so much else is wrong.
 _SIZES, _OF_EACH, _PARTS = np.logspace(-6, 3, 10), 6, (1e-5, 1e-6)
 _AGREE, _WRONG, _MOST_WRONG = 1e-3, 1e-2, 1
-#: Rounding of values, and slopes of which it may leave nothing, as a part of the largest.
-_ROUNDING, _DROWNED = 1e-14, 1e-6
+#: Rounding of values, and of the numbers of order 1 that small values may be differences of.
+_ROUNDING, _OF_PARTS = 1e-14, 2e-16
 #: How well a function of an array and of one number must agree.
 _SAME = 1e-9
 #: Functions that the core may call, by number.
@@ -275,15 +275,17 @@ class CalledLaw:
                 f"{where}: slopes of {self.law._name} raised {type(error).__name__} "
                 f"({_native.shown(error)})"
             ) from error
-        largest = np.max(np.abs(slopes), axis=1, initial=0.0, where=np.isfinite(slopes))
+        moderate = np.isfinite(values) & (np.repeat(_SIZES, _OF_EACH) <= 1)
+        parts = np.max(np.abs(values), initial=0.0, where=moderate)
         for place in np.flatnonzero(self.of_variables):
             near, nearer = (self._differences(rows, int(place), part) for part in _PARTS)
             size = np.maximum(np.abs(near), np.abs(slopes[place]))
             told = np.abs(near - nearer) <= _AGREE * np.maximum(np.abs(near), np.abs(nearer))
             # Differences know no more than rounding of the values leaves, and of what they are made
-            # of: small slopes may drown in it.
-            drowned = (near == 0) & (np.abs(slopes[place]) < _DROWNED * largest[place])
-            doubt = _ROUNDING * np.abs(values) / (min(_PARTS) * np.abs(rows[place]))
+            # of, as sqrt(1 + x^2) - 1 of numbers near 1: small slopes drown in it.
+            steps = min(_PARTS) * np.abs(rows[place])
+            drowned = (near == 0) & (np.abs(slopes[place]) * steps < _OF_PARTS * parts)
+            doubt = _ROUNDING * np.abs(values) / steps
             wrong = told & ~drowned & (np.abs(slopes[place] - near) > _WRONG * size + doubt)
             if np.count_nonzero(wrong) > _MOST_WRONG:
                 i = int(wrong.argmax())
