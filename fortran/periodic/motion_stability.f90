@@ -8,6 +8,7 @@ module viscovib_motion_stability
   use viscovib_floquet, only: floquet_type, new_floquet
   use viscovib_harmonic_set, only: harmonic_set_type
   use viscovib_hill, only: hill_type, new_hill
+  use viscovib_hill_clusters, only: sharpen_clusters
   use viscovib_hill_count, only: count_right, on_axis
   use viscovib_hill_orders, only: fading_rate
   use viscovib_hill_path, only: hill_path_type, new_hill_path
@@ -361,6 +362,7 @@ contains
       associate (exponents => stability%exponents(:, i))
         call judge_by_hill(self%hill, system, near, exponents, stability%n_growing(i), &
                            stability%slowest(i))
+        call sharpen_clusters(self%hill, system, exponents)
         near = exponents
         ! Exponents that are not those counted are not told, and then none is the slowest.
         if (n_right_of(0.0_wp, exponents) /= stability%n_growing(i)) then
