@@ -11,10 +11,10 @@ LAW = vv.WLF(reference=20.0, c1=8.86, c2=101.6)
 WARM = np.array([0.0, 10.0, 20.0, 30.0, 40.0])
 
 
-def sets(noise=0.0, seed=0, warm=WARM, lift=None):
+def sets(noise=0.0, seed=0, warm=WARM, lift=None, law=LAW):
     """A Rabotnov material at several temperatures."""
     rubber = vv.ThermalKernel(
-        kernel=vv.RabotnovKernel(amplitude=2.0, alpha=0.5, beta=3.0), shift=LAW
+        kernel=vv.RabotnovKernel(amplitude=2.0, alpha=0.5, beta=3.0), shift=law
     )
     nu = np.geomspace(1, 1e3, 13)
     rng = np.random.default_rng(seed)
@@ -42,11 +42,42 @@ def test_factors_come_back(by):
     assert master.data.frequencies.size == 65
 
 
-def test_the_reference_may_lie_between_sets():
-    master = vv.master_curve(sets(), reference=25.0)
-    assert np.interp(25.0, WARM, master.decades) == pytest.approx(0, abs=1e-12)
-    assert master.shift.log10(25.0) == 0
+@pytest.mark.parametrize("reference", [3.0, 14.0, 25.0, 36.0])
+def test_the_reference_may_lie_between_sets(reference):
+    """Factors fall by 0.03 decades from a straight line there."""
+    master = vv.master_curve(sets(), reference=reference)
+    assert master.decades == pytest.approx(LAW.log10(WARM) - LAW.log10(reference), abs=0.01)
+    assert master.shift.log10(reference) == 0
     assert master.shift(30.0) == pytest.approx(10 ** master.decades[3])
+
+
+def test_a_reference_between_far_sets_is_as_sure_as_said():
+    """Random laws, two to four sets 10 to 20 K apart: no neighbours tell how two sets bend."""
+    rng = np.random.default_rng(0)
+    off = []
+    for _ in range(60):
+        c2 = rng.uniform(70, 150)
+        law = vv.WLF(reference=20.0, c1=rng.uniform(0.03, 0.08) * c2, c2=c2)
+        warm = np.cumsum(rng.uniform(10, 20, rng.integers(2, 5)))
+        reference = rng.uniform(warm[0], warm[-1])
+        master = vv.master_curve(sets(warm=warm, law=law), reference=reference)
+        miss = np.abs(master.decades - law.log10(warm) + law.log10(reference))
+        off.append(miss / (2 * master.uncertainty + 0.005))
+    assert np.concatenate(off).max() < 1
+
+
+def test_the_warmest_set_may_be_the_reference():
+    """The mean of equal temperatures is that temperature to the last bit."""
+    master = vv.master_curve(sets(warm=[30.0, 45.4]), reference=45.4)
+    assert master.decades[1] == 0
+
+
+def test_given_factors_of_another_reference_are_refused():
+    with pytest.raises(vv.InputError, match=r"log10\(a_T\) is -1.46 at the reference, 40 deg C"):
+        vv.master_curve(sets(), reference=40.0, factors=(WARM, LAW.log10(WARM)))
+    coarse = (WARM[::-2], LAW.log10(WARM[::-2]) - LAW.log10(12.0))
+    taken = vv.master_curve(sets(warm=[0, 20, 40]), reference=12.0, factors=coarse)
+    assert taken.decades.tolist() == coarse[1][::-1].tolist()
 
 
 def test_uncertainty_covers_the_truth():

@@ -37,6 +37,10 @@ _OTHER_KNOTS = (0.8,)
 #: A set that others overlap by less (decades) is told; so are given factors that superpose this
 #: much worse than those found here.
 _THIN, _WORSE = 0.3, 2.0
+#: Given factors are 0 at the reference within this (decades).
+_ZERO = 0.1
+#: c2 (K) of Williams, Landel and Ferry about the glass transition (J. Am. Chem. Soc. 77, 1955).
+_UNIVERSAL = 51.6
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
@@ -148,13 +152,15 @@ def master_curve(
     data : ModulusData or RelaxationData
         With temperatures, in two sets or more.
     reference : float
-        Temperature of the curve (deg C), within those measured.
+        Temperature of the curve (deg C), within those measured; between two sets the factors are
+        those of a law (Arrhenius, WLF) through three, and what that leaves open counts.
     by : {"storage", "loss", "both"}
         What is superposed.
     vertical : {"none", "density", "free"}
         Divide moduli by b_T: 1, the absolute temperature over that of the reference, or what fits.
     factors : pair of array_like, optional
-        Temperatures and log10(a_T) to be taken as they are, at the nearest sets.
+        Temperatures and log10(a_T), 0 at the reference, to be taken as they are, at the nearest
+        sets.
 
     Returns
     -------
@@ -204,10 +210,11 @@ def master_curve(
         known = Curves(first.x, first.y - np.log10(b)[first.owner], first.owner, first.temperatures)
     ties = neighbours(known)
     decades, covariance, lift = superpose(flat, ties, vertical == "free", KNOTS)
-    turn = _to_reference(curves.temperatures, at)
+    between, doubt = _place(curves.temperatures, decades, at)
+    turn = _to_reference(curves.temperatures, at, between)
     own = turn @ decades
     # The lift of the reference is 1 as well.
-    b = b * 10 ** (turn @ lift) if vertical == "free" else b
+    b = b * 10 ** (_to_reference(curves.temperatures, at) @ lift) if vertical == "free" else b
     spread = np.sqrt(np.maximum(np.diag(turn @ covariance @ turn.T), 0))
     if factors is None:
         others = [
@@ -215,8 +222,9 @@ def master_curve(
         ]
         spread = np.hypot(spread, np.ptp([own, *others], axis=0) / 2)
         spread = np.hypot(spread, flatness(flat, turn, scatter_of(flat, own)))
+        spread = np.hypot(spread, doubt)
     if factors is not None:
-        given = _given(factors, curves.temperatures)
+        given = _given(factors, curves.temperatures, at)
         _compare(flat, given, own)
         own, spread = given, np.zeros_like(given)
     overlap = _overlap(curves, own)
@@ -248,7 +256,7 @@ def _checked_sets(
     if data.temperature is None:
         raise InputError("data: has no temperatures, must have them for a master curve")
     sets = data.sets()
-    means = np.array([np.mean(np.asarray(one.temperature)) for one in sets])
+    means = np.array([_mean_temperature(one) for one in sets])
     if len(sets) < 2:
         raise InputError(
             f"data: has one temperature alone, {means[0]:.4g} deg C, must have two or more sets"
@@ -282,20 +290,62 @@ def _curves(sets: "Sequence[ModulusData | RelaxationData]", by: str) -> Curves:
         owner.append(np.full(x[-1].size, i))
         if x[-1].size < 3:
             raise InputError(f"data: set {i} has {x[-1].size} rows, must have at least 3")
-    means = [float(np.mean(np.asarray(one.temperature))) for one in sets]
+    means = [_mean_temperature(one) for one in sets]
     return Curves(
         np.concatenate(x), np.concatenate(y, axis=1), np.concatenate(owner), np.array(means)
     )
 
 
-def _to_reference(t: FloatArray, at: float) -> FloatArray:
-    """Matrix that takes factors to those relative to a temperature, straight between sets."""
-    i = int(np.clip(np.searchsorted(t, at) - 1, 0, t.size - 2))
-    part = (at - t[i]) / (t[i + 1] - t[i])
+def _mean_temperature(one: ModulusData | RelaxationData) -> float:
+    """Of equal temperatures that temperature to the last bit, at which a reference may lie."""
+    t = np.asarray(one.temperature, dtype=float)
+    low = float(np.min(t))
+    return low + float(np.mean(t - low))
+
+
+def _to_reference(t: FloatArray, at: float, bend: float = 1.0) -> FloatArray:
+    """Matrix that takes factors to those relative to a temperature between sets.
+
+    The factor there is that of a straight line, or, by its `bend`, of a hyperbola: see `_place`.
+    """
+    i = _below(t, at)
+    part = (at - t[i]) / (t[i + 1] - t[i]) * bend
     turn = np.eye(t.size)
     turn[:, i] -= 1 - part
     turn[:, i + 1] -= part
     return turn
+
+
+def _below(t: FloatArray, at: float) -> int:
+    return int(np.clip(np.searchsorted(t, at) - 1, 0, t.size - 2))
+
+
+def _place(t: FloatArray, decades: FloatArray, at: float) -> tuple[float, float]:
+    """How factors bend between the sets around a temperature, and what that leaves open (decades).
+
+    The laws of Arrhenius and of Williams, Landel and Ferry are hyperbolas c + b/(T - p). Between
+    T_0 and T_1 one lies at the part (T - T_0)/(T_1 - T_0) (T_1 - p)/(T - p) of the way. Three sets
+    tell p: the ratio of their slopes is r = (T_2 - p)/(T_0 - p). Two alone do not: p is
+    anywhere from far below (a straight line) to 51.6 K below the colder one, where that is at its
+    glass transition (the universal constant of the law).
+    """
+    i = _below(t, at)
+    if at in (t[i], t[i + 1]):
+        return 1.0, 0.0
+    bends = []
+    for j in (i - 1, i):
+        if 0 <= j <= t.size - 3:
+            low, middle = np.diff(decades[j : j + 3]) / np.diff(t[j : j + 3])
+            if low * middle > 0:
+                r = low / middle
+                ahead = r * (t[i + 1] - t[j]) + t[j + 2] - t[i + 1]
+                bends.append(float(ahead / (r * (at - t[j]) + t[j + 2] - at)))
+    pole = t[i] - _UNIVERSAL
+    open_to = [1.0, *(bends or [(t[i + 1] - pole) / (at - pole)])]
+    widest = bends if len(bends) == 2 else open_to
+    bend = float(np.mean(bends or widest))
+    way = (at - t[i]) / (t[i + 1] - t[i]) * (decades[i + 1] - decades[i])
+    return bend, float(abs(way) * np.ptp(widest) / 2)
 
 
 def _loss_scatter(
@@ -308,19 +358,37 @@ def _loss_scatter(
     return scatter_of(Curves(curves.x, flat, curves.owner, curves.temperatures), decades)
 
 
-def _given(factors: tuple[npt.ArrayLike, npt.ArrayLike], t: FloatArray) -> FloatArray:
+def _given(
+    factors: tuple[npt.ArrayLike, npt.ArrayLike], t: FloatArray, reference: float
+) -> FloatArray:
     if not isinstance(factors, (tuple, list)) or len(factors) != 2:
         raise InputError("factors: must be a pair: temperatures, log10(a_T)")
     at = bounded("factors[0]", factors[0], "temperatures")
     decades = bounded("factors[1]", factors[1], "decades")
     if at.size != decades.size or at.size == 0:
         raise InputError(f"factors: {at.size} temperatures and {decades.size} factors must match")
+    _check_zero(at, decades, reference)
     near = np.abs(at[:, np.newaxis] - t).argmin(axis=0)
     far = np.abs(at[near] - t)
     if far.max() > 3:
         i = int(far.argmax())
         raise InputError(f"factors: none within 3 K of the set at {t[i]:.4g} deg C")
     return np.asarray(decades[near])
+
+
+def _check_zero(t: FloatArray, decades: FloatArray, at: float) -> None:
+    """Refuse factors of another reference: data would be told as those of a wrong temperature."""
+    t, rows = np.unique(t, return_index=True)
+    decades = decades[rows]
+    if t[0] < at < t[-1]:
+        bend, doubt = _place(t, decades, at)
+        found = float(decades[0] - (_to_reference(t, at, bend) @ decades)[0])
+    else:
+        found, doubt = float(decades[np.abs(t - at).argmin()]), 0.0
+    if abs(found) > _ZERO + 2 * doubt:
+        raise InputError(
+            f"factors: log10(a_T) is {found:.3g} at the reference, {at:g} deg C, must be 0 there"
+        )
 
 
 def _compare(curves: Curves, given: FloatArray, own: FloatArray) -> None:
