@@ -477,8 +477,7 @@ def test_random_floor_and_engine_orders():
         damping=2 * zeta * omega * mass, rotational_stiffness=(1e4,) * 3,
     )  # fmt: skip
     body = vv.Body(mass=mass, inertia=(1, 1, 1), mounts=[foot])
-    frequencies = np.linspace(0.01, 400, 400_001)
-    _, rms = body.random_floor(frequencies, np.full(frequencies.size, level), "z")
+    _, rms = body.random_floor([0, 400], [level, level], "z")
     # With the term of the damper: f0 (1 + 4 zeta^2) pi/(4 zeta) S, and what lies above 400 Hz.
     white = 10 * math.pi * (1 + 4 * zeta**2) / (4 * zeta) * level
     assert rms[2] ** 2 == pytest.approx(white, rel=2e-3)

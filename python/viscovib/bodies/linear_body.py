@@ -19,6 +19,7 @@ from viscovib.bodies.checks import (
     checked_vector,
     inverse_of,
 )
+from viscovib.bodies.mean_square import mean_square
 from viscovib.bodies.modes import BodyModes, find_modes
 from viscovib.bodies.mount_point import MountPoint, crossing
 from viscovib.bodies.springs import MountSprings
@@ -322,7 +323,8 @@ class LinearBody(PolynomialSystem):
         hz : array_like, shape (n,)
             Frequencies (Hz), ascending.
         density : array_like, shape (n,)
-            One-sided spectral density of the floor's acceleration ((m/s^2)^2/Hz).
+            One-sided spectral density of the floor's acceleration ((m/s^2)^2/Hz); straight lines
+            between the frequencies.
         axis, point
             As of `base_transmissibility`.
 
@@ -331,7 +333,8 @@ class LinearBody(PolynomialSystem):
         density : ndarray, shape (n, 3)
             Spectral densities of the acceleration along x, y and z ((m/s^2)^2/Hz).
         rms : ndarray, shape (3,)
-            Root mean squares over these frequencies (m/s^2), by the trapezoidal rule.
+            Root mean squares from the first of these frequencies to the last (m/s^2). Resonances
+            between them count, however narrow.
         """
         frequencies = _native.real_array("hz", hz)
         given = _native.real_array("density", density)
@@ -339,11 +342,14 @@ class LinearBody(PolynomialSystem):
             raise InputError("hz: must be ascending, two or more")
         if given.shape != frequencies.shape or (given < 0).any():
             raise InputError(f"density: must have shape {frequencies.shape}, none negative")
-        answer = self.base_transmissibility(2 * math.pi * frequencies, axis, point)
-        with np.errstate(over="ignore"):
-            densities = np.abs(answer) ** 2 * given[:, np.newaxis]
-            mean = (densities[1:] + densities[:-1]) / 2 * np.diff(frequencies)[:, np.newaxis]
-            total = mean.sum(axis=0)
+
+        def gain(at: FloatArray) -> FloatArray:
+            answer = self.base_transmissibility(2 * math.pi * at, axis, point)
+            return np.asarray(np.abs(answer) ** 2)
+
+        with np.errstate(over="ignore", invalid="ignore"):
+            densities = gain(frequencies) * given[:, np.newaxis]
+            total = mean_square(gain, frequencies, given)
         if not np.isfinite(total).all():
             raise InputError(f"density = {given.max():g}: no finite mean, must be smaller")
         return densities, np.sqrt(total)
