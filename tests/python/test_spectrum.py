@@ -2,6 +2,7 @@
 
 import math
 import time
+import warnings
 
 import matplotlib
 import numpy as np
@@ -335,6 +336,28 @@ def test_decay_is_told_from_noise():
     # A few times the least possible spread of a rate, that of an envelope exp(-2 k/n).
     least = 0.2 * np.sqrt(24 / (n * np.mean(np.exp(-4 * k / n))))
     assert np.std(rates) < 3 * least
+
+
+def test_states_too_far_apart_are_told():
+    """Random free vibrations, kept at one to eight states a half-period or at too few."""
+    rng = np.random.default_rng(0)
+    for case in range(40):
+        omega = 10 ** rng.uniform(-3, 3)
+        system = vv.PolynomialSystem(
+            mass=1, stiffness=omega**2, damping=0.02 * omega * rng.uniform(0, 1)
+        )
+        too_few = case % 2 == 0
+        apart = math.pi / omega * (rng.uniform(1.05, 8) if too_few else rng.uniform(0.12, 0.8))
+        n = int(rng.integers(64, 200))
+        run = vv.simulate(
+            system, n * apart, initial=[1, omega * rng.normal()], times=apart * np.arange(n + 1)
+        )
+        for ask in (vv.spectrum, vv.dominant_frequencies, lambda run: vv.free_decay(run, count=1)):
+            with warnings.catch_warnings(record=True) as told:
+                warnings.simplefilter("always")
+                ask(run)
+            assert any("are too far for x" in str(one.message) for one in told) == too_few
+            assert all(one.filename == __file__ for one in told)
 
 
 def test_a_free_vibration_gives_its_damping_ratio():

@@ -8,6 +8,7 @@ import numpy as np
 
 from viscovib import _native
 from viscovib._native import ComplexArray, FloatArray
+from viscovib.analyses.signals import tell_aliases
 from viscovib.common.values import Value
 from viscovib.errors import InputError
 from viscovib.results.trajectory import Trajectory
@@ -72,6 +73,11 @@ def free_decay(trajectory: Trajectory, *, count: int = 2, start: float = 0.0) ->
         Leave out what is before this time: with memory a slow creep, no oscillation, is part of
         the beginning.
 
+    Warns
+    -----
+    ConvergenceWarning
+        If velocities tell swings that are too fast for the states kept.
+
     Notes
     -----
     Matrix pencil (Hua and Sarkar, IEEE Trans. Acoust. 38, 1990) of all coordinates at once, with
@@ -108,6 +114,9 @@ def free_decay(trajectory: Trajectory, *, count: int = 2, start: float = 0.0) ->
     moving = sizes > 0
     if not moving.any():
         raise InputError("trajectory: is at rest, nothing decays")
+    for i in np.flatnonzero(moving):
+        v = trajectory.state[keep][:, 2 * i + 1]
+        tell_aliases(trajectory.dof_names[i], q[:, i], v, float(steps.mean()), 4)
     poles = _poles(q[:, moving] / sizes[moving], 4 * wanted)
     basis = np.exp(np.outer(np.arange(t.size), np.log(poles)))
     shares, *_ = np.linalg.lstsq(basis, q.astype(complex), rcond=None)

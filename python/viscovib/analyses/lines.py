@@ -143,6 +143,11 @@ def amplitudes_at(
     -------
     Lines, in the order of ``frequencies``.
 
+    Warns
+    -----
+    ConvergenceWarning
+        If the velocities of a `Trajectory` tell swings that are too fast for the states kept.
+
     Examples
     --------
     >>> import numpy as np
@@ -220,6 +225,11 @@ def dominant_frequencies(
     certain. In white noise the standard error of a steady line's frequency is 1.53 times the least
     possible one (Cramer and Rao), that of its amplitude 1.22 times: the price of the window, which
     keeps other lines out.
+
+    Warns
+    -----
+    ConvergenceWarning
+        If the velocities of a `Trajectory` tell swings that are too fast for the states kept.
 
     Notes
     -----

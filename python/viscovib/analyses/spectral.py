@@ -148,6 +148,11 @@ def spectrum(
         Of a `Trajectory`: the coordinates wanted, such as "phi" or "phi_dot"; a single name gives
         coefficients of shape (n_bins,). By default all coordinates, without velocities.
 
+    Warns
+    -----
+    ConvergenceWarning
+        If the velocities of a `Trajectory` tell swings that are too fast for the states kept.
+
     Notes
     -----
     The mean under the window is taken out before the transform and returned as X[0], so that it
