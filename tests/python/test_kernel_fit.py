@@ -329,6 +329,32 @@ class TestPronyTerms:
         assert rows[:, 0] == pytest.approx(shear, rel=1e-3)
         assert rows[1:, 1] == pytest.approx(1 / terms.times, rel=1e-3)
 
+    @pytest.mark.parametrize("quantity", ["E", "G"])
+    @pytest.mark.parametrize("poisson", [0.3, 0.49])
+    def test_programs_are_given_the_shear_modulus_that_was_measured(self, quantity, poisson):
+        """Over time what each text says of shear is the data, of E over 2 (1 + poisson)."""
+        t = np.geomspace(1e-3, 10, 40)
+        modulus = 2e6 * self.kernel.relaxation(t)
+        shear = modulus / (1 if quantity == "G" else 2 * (1 + poisson))
+        data = vv.RelaxationData(times=t, modulus=modulus, quantity=quantity)
+        terms = vv.prony_terms(vv.fit_kernel(data), t_min=1e-3, t_max=10, tolerance=5e-3)
+        assert terms.quantity == quantity
+        decays = np.exp(-t[:, np.newaxis] / terms.times)
+        for program, key in (("abaqus", "MODULI=INSTANTANEOUS\n"), ("ansys", "MP,EX,1,")):
+            after = terms.text(program, poisson=poisson).split(key)[1]
+            young = float(after.split("\n")[0].split(",")[0])
+            shares = terms.moduli / terms.modulus
+            told = young / (2 * (1 + poisson)) * (1 - (shares * (1 - decays)).sum(axis=1))
+            assert told == pytest.approx(shear, rel=0.02)
+        cards = terms.text("ls-dyna", poisson=poisson).split("*END")[0].split("\n")[4:-1]
+        moduli = np.array([float(card[:10]) for card in cards])
+        assert moduli[0] + decays @ moduli[1:] == pytest.approx(shear, rel=0.02)
+
+    def test_a_stiffness_is_no_material(self):
+        terms = vv.prony_terms(self.kernel, modulus=2e5, t_min=1e-4, t_max=1e2, quantity="K")
+        with pytest.raises(vv.InputError, match="of a stiffness"):
+            terms.text("abaqus")
+
     def test_what_cannot_be_met_is_told(self):
         with pytest.raises(vv.InputError, match="at most 17 for"):
             vv.prony_terms(self.kernel, modulus=2e6, t_min=1e-8, t_max=1e6, tolerance=1e-3).text(

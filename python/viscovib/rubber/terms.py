@@ -12,6 +12,7 @@ from viscovib.common.parameters import Number
 from viscovib.common.values import Value
 from viscovib.errors import InputError
 from viscovib.kernels.relaxation import Kernel, PronyKernel
+from viscovib.rubber.data import QUANTITIES
 from viscovib.rubber.fit import KernelFit
 from viscovib.rubber.prony_spectrum import dynamic_design, grid_of_times, nonnegative
 
@@ -39,6 +40,8 @@ class PronyTerms(Value):
         The times between which it stands for the kernel (s); frequencies are their inverses.
     error : float
         Largest relative error |M_terms - M|/|M| at frequencies 1/t_max to 1/t_min (rad/s).
+    quantity : {"E", "G", "K"}
+        What M is: Young's modulus, the shear modulus, or a stiffness.
 
     Examples
     --------
@@ -56,6 +59,7 @@ class PronyTerms(Value):
     t_min: float
     t_max: float
     error: float
+    quantity: str = "E"
 
     @property
     def modulus(self) -> float:
@@ -71,9 +75,15 @@ class PronyTerms(Value):
         """Input of "abaqus", "ansys" or "ls-dyna" (units Pa, s, kg/m^3).
 
         Terms are those of shear; the bulk is elastic. Young's modulus of ``poisson`` close to 0.5
-        relaxes as the shear modulus does.
+        relaxes as the shear modulus does; at first it is 2 (1 + ``poisson``) times as large. A
+        stiffness (N/m) is no modulus, and is refused.
         """
         _native.choice("program", program, _PROGRAMS)
+        if self.quantity == "K":
+            raise InputError(
+                "program: these terms are of a stiffness (N/m), which is no modulus, must be of E "
+                "or G for a material"
+            )
         nu = Number("poisson", 0, 0.4999).check(poisson)
         rho = Number("density", above=0).check(density)
         told = (
@@ -97,6 +107,9 @@ class PronyTerms(Value):
         with whole_file(path) as file:
             file.write(text)
 
+    def _young(self, nu: float) -> float:
+        return self.modulus * (2 * (1 + nu) if self.quantity == "G" else 1.0)
+
     def _abaqus(self, told: str, nu: float, rho: float) -> str:
         lines = [
             f"** {told}",
@@ -104,7 +117,7 @@ class PronyTerms(Value):
             "*DENSITY",
             f"{rho:.9g}",
             "*ELASTIC, MODULI=INSTANTANEOUS",
-            f"{self.modulus:.9e}, {nu:.6g}",
+            f"{self._young(nu):.9e}, {nu:.6g}",
             "*VISCOELASTIC, TIME=PRONY",
         ]
         shares = self.moduli / self.modulus
@@ -114,7 +127,7 @@ class PronyTerms(Value):
     def _ansys(self, told: str, nu: float, rho: float) -> str:
         lines = [
             f"! {told}",
-            f"MP,EX,1,{self.modulus:.9e}",
+            f"MP,EX,1,{self._young(nu):.9e}",
             f"MP,PRXY,1,{nu:.6g}",
             f"MP,DENS,1,{rho:.9g}",
             f"TB,PRONY,1,1,{self.times.size},SHEAR",
@@ -131,8 +144,8 @@ class PronyTerms(Value):
                 f"terms: {self.times.size}, must be at most {_LS_DYNA_MOST - 1} for "
                 "*MAT_GENERAL_VISCOELASTIC: raise tolerance, or narrow t_min to t_max"
             )
-        shear = self.modulus / (2 * (1 + nu))
-        bulk = self.modulus / (3 * (1 - 2 * nu))
+        shear = self._young(nu) / (2 * (1 + nu))
+        bulk = self._young(nu) / (3 * (1 - 2 * nu))
         lines = [
             f"$ {told}",
             "*MAT_GENERAL_VISCOELASTIC",
@@ -152,6 +165,7 @@ def prony_terms(
     t_max: float,
     tolerance: float = 0.01,
     modulus: float | None = None,
+    quantity: str | None = None,
 ) -> PronyTerms:
     """Fewest Prony terms that stand for a modulus over a range, for other programs.
 
@@ -164,6 +178,8 @@ def prony_terms(
         Largest relative error of the complex modulus there.
     modulus : float, optional
         M_0 (Pa) of a kernel; a fit has its own.
+    quantity : {"E", "G", "K"}, optional
+        What the modulus of a kernel is, "E" if not given; a fit has its own.
 
     Returns
     -------
@@ -192,11 +208,14 @@ def prony_terms(
     if isinstance(source, KernelFit):
         if modulus is not None:
             raise InputError("modulus: a fit has its own, must not be given")
-        kernel, whole = source.kernel, source.modulus
+        if quantity is not None:
+            raise InputError("quantity: a fit has its own, must not be given")
+        kernel, whole, measured = source.kernel, source.modulus, source.quantity
     else:
         if modulus is None:
             raise InputError("modulus: must be given with a kernel")
         kernel, whole = source, _MODULUS.check(modulus)
+        measured = "E" if quantity is None else _native.choice("quantity", quantity, QUANTITIES)
     n = int(np.ceil(_MEASURED * np.log10(last / first))) + 2
     nu = np.geomspace(1 / last, 1 / first, n)
     true = whole * (1 - kernel.transform(nu))
@@ -220,6 +239,7 @@ def prony_terms(
                     t_min=first,
                     t_max=last,
                     error=error,
+                    quantity=measured,
                 )
     raise InputError(
         f"tolerance = {wanted:g}: the closest terms leave {best:.2g}, must be at least that"
