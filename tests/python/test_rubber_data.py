@@ -50,6 +50,24 @@ def test_units_commas_and_parts(tmp_path, text, storage, loss, nu):
     assert data.frequencies[0] == pytest.approx(nu)
 
 
+@pytest.mark.parametrize("unit", ["1/s", "s-1", "s^-1", "rad/s", "Hz"])
+@pytest.mark.parametrize(
+    ("name", "angular"),
+    [("omega", True), ("ω", True), ("Angular Frequency", True), ("w", True), ("f", False),
+     ("circular frequency", True), ("Frequency", False), ("Ω", True)],
+)  # fmt: skip
+def test_what_a_frequency_counts_is_told_by_its_unit_or_name(tmp_path, unit, name, angular):
+    data = vv.read_dma(table(tmp_path, f"{name} ({unit}),E' (Pa),E'' (Pa)\n3,5,1\n4,6,1\n"))
+    radians = unit == "rad/s" or (angular and unit != "Hz")
+    assert data.frequencies == pytest.approx(np.array([3, 4]) * (1 if radians else 2 * np.pi))
+
+
+def test_a_frequency_that_may_count_both_is_refused(tmp_path):
+    path = table(tmp_path, "nu,E',E''\n1/s,Pa,Pa\n3,5,1\n")
+    with pytest.raises(vv.InputError, match="column 'nu': 1/s may be Hz or rad/s"):
+        vv.read_dma(path)
+
+
 def test_temperatures_and_sets(tmp_path):
     text = "f,E',E'',T\nHz,MPa,MPa,K\n1,2,1,273.15\n2,3,1,273.15\n1,1,1,293.15\n2,2,1,293.15\n"
     data = vv.read_dma(table(tmp_path, text))

@@ -45,6 +45,8 @@ UNITS: dict[str, Mapping[str, float]] = {
     "label": {"-": 1.0, "1": 1.0, "": 1.0},
     "temperature": {"c": 1.0, "degc": 1.0, "k": 1.0, "degf": 1.0, "f": 1.0},
 }  # fmt: skip
+#: Units that count cycles or radians, as the name of the column tells.
+_PER_TIME = ("1/s", "1/min")
 
 
 @dataclass(frozen=True)
@@ -123,7 +125,10 @@ def read_columns(
         unit = units[place].strip() or _unit_within(names[place])
         values = [_cell(name, line, spelt[column.role], row, place) for line, row in body]
         where = f"{name}:{first}: column {_native.shown(spelt[column.role])}"
-        columns[column.role] = _in_units(where, np.array(values), column.kind, unit)
+        size = 1.0
+        if column.kind == "frequency" and _unit(unit, UNITS["frequency"]) in _PER_TIME:
+            size = _cycle(where, _plain(spelt[column.role]))
+        columns[column.role] = _in_units(where, np.array(values), column.kind, unit) * size
     return Table(name, columns, spelt, tuple(line for line, _ in body))
 
 
@@ -263,6 +268,15 @@ def _unit(text: str, known: Iterable[str]) -> str:
     return {"degrees": "deg", "degree": "deg", "s-1": "1/s", "radians": "rad", "degk": "k"}.get(
         unit, unit
     )
+
+
+def _cycle(where: str, name: str) -> float:
+    """Return a cycle of what a frequency in 1/s counts, by the plain name of its column."""
+    if name == "w" or re.search("omega|ω|angular|circular|radian", name):
+        return 1 / (2 * math.pi)
+    if name == "f" or "freq" in name:
+        return 1.0
+    raise InputError(f"{where}: 1/s may be Hz or rad/s, must be one of these")
 
 
 def _in_units(where: str, values: FloatArray, kind: str, text: str) -> FloatArray:

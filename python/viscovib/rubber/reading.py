@@ -20,7 +20,7 @@ _Data = TypeVar("_Data")
 _FREQUENCY = Column(
     "frequency",
     "frequency",
-    ("f", "freq", "frequency", "nu", "omega", "w", "ω", "angularfrequency"),
+    ("f", "freq", "frequency", "nu", "omega", "w", "ω", "angularfrequency", "circularfrequency"),
 )
 _TIME = Column("time", "time", ("t", "time"))
 _TEMPERATURE = Column("temperature", "temperature", ("t", "temp", "temperature"))
@@ -55,7 +55,8 @@ def read_dma(
         where pandas is installed. Columns are found by their names: frequency (``f``, ``freq``,
         ``omega``), two of storage, loss, magnitude and ``tan_delta`` (``E_stor``, ``G'``, ``E''``,
         ``|E*|``, ``loss factor``), and if they are there temperature (``T``) and ``Set``. Units
-        stand in the line below or in the names: Hz or rad/s, Pa to GPa, C or K.
+        stand in the line below or in the names: Hz or rad/s (1/s is rad/s of ``omega`` and angular
+        frequencies, Hz of ``f``), Pa to GPa, C or K.
     columns : mapping, optional
         {"frequency": "name in the file", ...} for other names: "frequency", "storage", "loss",
         "magnitude", "tangent", "angle", "temperature", "set".
