@@ -231,6 +231,8 @@ def test_interrupt_stops_the_threads(monkeypatch):
         ({"sections": 4}, "sections = 4: must be 1 to 3"),
         ({"sections": 1, "system": free()}, "p1 must be greater than 0"),
         ({"amplitudes_at": [0.0]}, "amplitudes_at: must be greater than 0"),
+        ({"amplitudes_at": [1, 6.3]}, "tell no frequency of 6.283 or more, amplitudes_at has 6.3"),
+        ({"amplitudes_at": [2.2], "sample_every": 3}, "sample_every = 3: states 1.5 apart tell"),
         ({"parameters": {"p4": [1.0]}}, "'p4' is not a number of the pendulum"),
         ({"parameters": {"e": [0.1, 0.9]}}, "must be less than 1"),
         ({"parameters": {"e": [0.1, 0.1]}, "initial": np.zeros((3, 6))}, "lengths differ"),

@@ -137,7 +137,8 @@ def simulate_ensemble(
         is the whole past: a disturbance is one of coordinates and velocities at t = 0, its own past
         is scaled with it, and "all" are the 2 n_dof largest exponents of infinitely many.
     sample_every : int
-        Steps between the samples of amplitudes.
+        Steps between the samples of amplitudes: two and more a period of all that swings, for
+        faster parts stand at other frequencies.
     n_threads : int
         Default: as many as there are processors. Results do not depend on it, to the last bit.
     progress : bool
@@ -193,6 +194,12 @@ def simulate_ensemble(
     if _native.is_auto(dt):
         raw, n, error = _refine(job, raw, n, wanted, progress)
     h = length.span / n
+    apart = every * float(np.max(h))
+    if lines.size and lines.max() * apart >= np.pi:
+        raise InputError(
+            f"sample_every = {every}: states {apart:.4g} apart tell no frequency of "
+            f"{np.pi / apart:.4g} or more, amplitudes_at has {lines.max():g}: must be smaller"
+        )
     names = np.array(OUTCOMES)
     points, times = raw.sections, None
     if isinstance(members, SingleMembers) and surface is not None:

@@ -103,7 +103,10 @@ class MountForces(Result):
 
     @property
     def lost_power(self) -> FloatArray:
-        """Mean power lost in each direction of each mount (W), shape (n, n_mounts, 3)."""
+        """Mean power lost in each direction of each mount (W), shape (n, n_mounts, 3).
+
+        What is lost in turning, by the memory of rotational stiffness, is not in it.
+        """
         rate = 1j * self.nu[:, None, None, None] * self.harmonics * self.deflection
         return np.asarray(0.5 * (self.force * rate.conj()).real.sum(axis=-1))
 

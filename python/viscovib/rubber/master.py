@@ -55,7 +55,7 @@ class MasterCurve(Result):
         Of each set, from cold to warm: its mean temperature, log10(a_T), and the standard
         uncertainty of that relative to the reference.
     vertical : ndarray, shape (n,)
-        b_T: measured moduli were divided by it.
+        b_T: measured moduli were divided by it. At T the modulus is b_T times that of a fit.
     overlap : ndarray, shape (n-1,)
         Decades of reduced frequency that neighbours share.
     scatter, loss_scatter : float
