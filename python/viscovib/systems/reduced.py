@@ -13,7 +13,7 @@ from viscovib.systems.layers import exponentials_of
 from viscovib.systems.linear_model import LinearModel
 from viscovib.systems.reduction import Reduction, reduce_model
 from viscovib.systems.relaxing_rest import relaxing_rest
-from viscovib.systems.sparse_pencil import is_symmetric
+from viscovib.systems.sparse_pencil import Modes, is_symmetric
 from viscovib.systems.stiffness_ratio import warn_of_lost_modes
 from viscovib.systems.structure_rest import ModalDamping, Remembered, Rest, dense_rest
 
@@ -193,7 +193,9 @@ def direct_motion(
     c = loaded.condensation
     if c.reduced is None:
         raise InputError("check: this structure is not reduced")
-    model = c.reduced.model
+    model, reduction = c.reduced.model, c.reduced.reduction
+    true = slice(reduction.n_modes)
+    modes = Modes(reduction.squares[true], reduction.shapes[:, true])
     n = loaded.forces.shape[0]
     found = np.zeros((n, orders.size), dtype=complex)
     for k, order in enumerate(orders):
@@ -205,7 +207,7 @@ def direct_motion(
             pushed = pushed - s**2 * factor[0] * loaded.base[j[0]] * loaded._inertia
         if not pushed.any():
             continue
-        found[:, k] = direct_solution(model, s, pushed)
+        found[:, k] = direct_solution(model, s, pushed, modes)
         if j.size and loaded.direction is not None:
             found[:, k] += loaded.direction * loaded.base[j[0]] * factor[0]
     return found

@@ -362,7 +362,10 @@ def _finished(estimate: _Estimate, model: LinearModel, n_modes: int, held: bool)
     if np.any(model.ratio):
         modal, slope = modal_rates(model, squares[:n_modes])
         rates += np.concatenate([modal, slope * squares[n_modes:]])
-    kept = len(model.matrices) - 2
+    v = basis.vectors
+    # Ratios stand in the rates: what the basis was judged with holds them beside C.
+    damping = [] if model.damping is None else [v.T @ _image(model.damping, v)]
+    layers = basis.reduced[len(basis.reduced) - len(model.layers) :]
     return Reduction(
         squares=squares,
         shapes=basis.vectors @ mix,
@@ -371,7 +374,7 @@ def _finished(estimate: _Estimate, model: LinearModel, n_modes: int, held: bool)
         n_modes=n_modes,
         n_rigid=int((squares == 0).sum()),
         n_negative=int((squares < 0).sum()),
-        matrices=[mix.T @ matrix @ mix for matrix in basis.reduced[2 : 2 + kept]],
+        matrices=[mix.T @ matrix @ mix for matrix in (*damping, *layers)],
         at=estimate.frequencies,
         error=estimate.errors,
     )

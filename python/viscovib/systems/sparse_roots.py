@@ -26,8 +26,8 @@ from viscovib._native import ComplexArray, FloatArray
 from viscovib.errors import ConvergenceWarning, InputError, caller
 from viscovib.kernels.relaxation import Kernel
 from viscovib.systems.characteristic import CharacteristicRoots
-from viscovib.systems.linear_model import LinearModel
-from viscovib.systems.sparse_pencil import Pencil, check_memory, factored
+from viscovib.systems.linear_model import LinearModel, modal_rates
+from viscovib.systems.sparse_pencil import Modes, Pencil, check_memory, factored
 from viscovib.systems.structure_matrices import linear_model, matrix_of
 
 #: Steps of Newton's method, and of the search for a frequency to begin at.
@@ -284,10 +284,35 @@ def solved(
     raise RuntimeError("singular")
 
 
-def direct_solution(model: LinearModel, s: complex, right: ComplexArray) -> ComplexArray:
-    """D(s)^-1 right, by the full matrices."""
-    values = model.coefficients(np.array([s]))[:, 0]
-    return solved(combined(model, values), right, lambda x: _product(model, values, x))
+def direct_solution(
+    model: LinearModel, s: complex, right: ComplexArray, modes: Modes | None = None
+) -> ComplexArray:
+    """D(s)^-1 right, by the full matrices.
+
+    ``modes``: those that have ratios, where ratios are given. Their damping, M Phi r Phi' M beside
+    a part of K (`ModalDampingMatrix`), is full; with y = Phi' M x as further unknowns the system
+    stays sparse.
+    """
+    if not np.any(model.ratio):
+        values = model.coefficients(np.array([s]))[:, 0]
+        return solved(combined(model, values), right, lambda x: _product(model, values, x))
+    if modes is None:
+        raise InputError("damping: modal ratios have no matrix without their modes")
+    rates, slope = modal_rates(model, modes.squares)
+    a, b = model.rayleigh
+    plain = model._replace(ratio=0.0, rayleigh=(a, b + slope))
+    sparse = combined(plain, plain.coefficients(np.array([s]))[:, 0])
+    seen = np.asarray(model.mass @ modes.shapes)
+    # In units of the matrix, or pivots would be chosen for their units.
+    unit = abs(sparse).max() / np.abs(seen).max()
+    whole = block_array(
+        [
+            [sparse, csc_array(seen * (s * (rates - slope * modes.squares)))],
+            [csc_array(unit * seen.T), csc_array(-unit * np.eye(rates.size))],
+        ],
+        format="csc",
+    )
+    return solved(whole, np.append(right, np.zeros(rates.size)))[: right.size]
 
 
 def _likeness(shapes: ComplexArray, shape: ComplexArray) -> FloatArray:

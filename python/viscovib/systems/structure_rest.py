@@ -124,13 +124,32 @@ def dense_rest(
         if not coupled:
             return Rest(squares, rates, losses, shapes, np.zeros(0, complex), none, none)
     if modal is not None:
-        if np.any(modal.ratio) or np.any(modal.loss):
-            raise InputError(
-                "damping: modal ratios and loss factors need symmetric matrices that leave the "
-                "modes uncoupled"
-            )
-        damping = damping + modal.by_mass * mass + modal.by_stiffness * stiffness
+        damping = damping + _matrix_of(modal, mass, stiffness)
     return _complex_rest(mass, damping, stiffness, quiet)
+
+
+def _matrix_of(modal: ModalDamping, mass: FloatArray, stiffness: FloatArray) -> FloatArray:
+    """Modal and Rayleigh's damping beside what couples the modes, C = M Phi diag(rates) Phi^T M.
+
+    Phi are the modes without damping, Phi^T M Phi = 1.
+    """
+    from scipy.linalg import eigh
+
+    if np.any(modal.loss):
+        raise InputError(
+            "loss_factor: needs a symmetric stiffness and dampers that leave the modes uncoupled, "
+            "must be 0 beside others (in damping, in elements, or in laws of rates)"
+        )
+    extra = modal.by_mass * mass + modal.by_stiffness * stiffness
+    if not np.any(modal.ratio):
+        return np.asarray(extra)
+    if not _symmetric(stiffness):
+        raise InputError("modal_damping: needs a symmetric stiffness, whose modes it damps")
+    squares, shapes = eigh(stiffness, mass)
+    squares, shapes = refined_modes(squares, shapes, mass, stiffness)
+    pushed = mass @ shapes
+    rates = 2 * modal.ratio * np.sqrt(np.maximum(without_rounding(squares, shapes, stiffness), 0))
+    return np.asarray(extra + (pushed * rates) @ pushed.T)
 
 
 def _condensed_rest(
