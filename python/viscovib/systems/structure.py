@@ -72,6 +72,7 @@ class Structure:
         C, as stiffness; it need not be symmetric (gyroscopic forces).
     modal_damping : float or array_like, shape (n,)
         Damping ratio of every mode (0.02 is 2 %), or of each, in the order of their frequencies.
+        Beside dampers that couple the modes it is C = M Phi diag(2 ratio omega) Phi' M.
     rayleigh : tuple of two float
         Damping a M + b K by its factors a (1/s) and b (s).
     loss_factor : float
@@ -265,7 +266,8 @@ class Structure:
         """Return the same structure, its linear rest reduced to few modes by one factorization.
 
         Modes up to 1.5 times the highest frequency, and static corrections of every order that
-        the loads and elements need: as many as the tolerance asks for (`systems.reduction`).
+        the loads and elements need: as many as the tolerance asks for (`systems.reduction`). Under
+        ``modal_damping`` what lies above these modes is damped as K is, not by a ratio.
 
         Parameters
         ----------
