@@ -1,6 +1,7 @@
 """Full equations of sparse structures solved directly at the motions found; roots by eigenvalues of the ordinary equations."""
 
 import numpy as np
+import scipy.linalg
 
 from referee.case import Case, Claim, even, few, numbers
 from referee.models import some_prony
@@ -36,6 +37,15 @@ class _Chain:
         # Coordinates without mass, which nothing damps.
         if rng.integers(3) == 0 and not self.dashpot:
             self.mass[rng.choice(n, 3, replace=False)] = 0.0
+        self.ratio = 0.0
+
+    def modal(self, stiffness, count):
+        """Matrix of the damping ratio: of ``count`` modes, above them in proportion to K."""
+        mass = np.diag(self.mass)
+        squares, shapes = (part[..., :count] for part in scipy.linalg.eigh(stiffness, mass))
+        slope = 2 * self.ratio / squares[-1] ** 0.5
+        rates = 2 * self.ratio * squares**0.5 - slope * squares
+        return slope * stiffness + mass @ shapes @ np.diag(rates) @ shapes.T @ mass
 
     def source(self, elements):
         entries = [
@@ -46,6 +56,8 @@ class _Chain:
         if self.dashpot:
             i, c = self.dashpot
             damping = f" damping=sp.csc_array(([{c}], ([{i}], [{i}])), shape=({self.n}, {self.n})),"
+        if self.ratio:
+            damping += f" modal_damping={self.ratio},"
         return f"""import scipy.sparse as sp
 k = sp.csc_array(({values}, ({rows}, {columns})), shape=({self.n}, {self.n}))
 s = vv.Structure(mass={numbers(self.mass)}, stiffness=k,{damping} rayleigh={self.rayleigh},
@@ -56,6 +68,8 @@ s = vv.Structure(mass={numbers(self.mass)}, stiffness=k,{damping} rayleigh={self
 def _motion(rng, index):
     chain = _Chain(rng)
     n = chain.n
+    if chain.mass.all() and rng.integers(2):
+        chain.ratio = few(rng, 0.002, 0.05, 2)
     on, across = (int(x) for x in rng.choice(n, 2, replace=False))
     cubic, own = few(rng, 0.1, 3, 2), few(rng, 0.05, 0.5, 2)
     memory = some_prony(rng) if rng.integers(2) else None
@@ -72,6 +86,7 @@ r = vv.forced_response(small, [{nu}], load={{'x{pushed + 1}': {size}}}, method="
                        coordinates=list(s.dof_names))
 u, orders, found = r.coefficients[0], r.harmonics, bool(r.converged[0])
 error, told = small.reduction.largest_error, float(r.reduction_error[0])
+modes, checked = small.reduction.n_modes, float(r.check(points=1).max())
 """
 
     def judge(names, told):
@@ -80,12 +95,16 @@ error, told = small.reduction.largest_error, float(r.reduction_error[0])
         u, orders = names["u"], names["orders"]
         yield Claim("largest error", float(names["error"]) <= tolerance, True)
         yield Claim("error of the motion", float(names["told"]) <= tolerance, True)
+        yield Claim("check", names["checked"] <= 30 * tolerance, True)
         k = chain.k + own * np.outer(e, e)
         count = 64
         t = 2 * np.pi * np.arange(count) / count
         d = np.imag(np.exp(1j * np.outer(t, orders)) @ (e @ u))
         force = np.fft.rfft(cubic * d**3)
         a, b = chain.rayleigh
+        damping = chain.c
+        if chain.ratio:
+            damping = damping + chain.modal(k, names["modes"])
         exact = np.zeros_like(u)
         for column, order in enumerate(orders):
             s = 1j * order * nu
@@ -96,7 +115,7 @@ error, told = small.reduction.largest_error, float(r.reduction_error[0])
             p = -c * e
             if order == 1:
                 p = p + size * (np.arange(n) == pushed)
-            full = k * (1 + b * s) + np.diag(chain.mass * (s**2 + a * s)) + s * chain.c
+            full = k * (1 + b * s) + np.diag(chain.mass * (s**2 + a * s)) + s * damping
             exact[:, column] = np.linalg.solve(full, p)
         # Of the largest motion; the norm of strain energy and this one differ by a little.
         scale = np.abs(u).max()
