@@ -16,7 +16,8 @@ module viscovib_jump_maps
   use viscovib_kinked_motion, only: linear_rest
   use viscovib_law_branches, only: find_signals
   use viscovib_law_cycle, only: find_switches
-  use viscovib_law_program, only: f_atleast, f_heaviside, f_less, f_sign, law_program
+  use viscovib_law_functions, only: jumps
+  use viscovib_law_program, only: law_program
   use viscovib_oscillator, only: oscillator_type
   use viscovib_phase_panels, only: wave_sum
   use viscovib_phase_roots, only: phase_list
@@ -51,16 +52,11 @@ contains
     select type (system)
     class is (polynomial_type)
       do i = 1, size(system%laws)
-        if (system%laws(i)%state == 0) may_jump = may_jump .or. jumps(system%laws(i)%program)
+        if (system%laws(i)%state > 0) cycle
+        may_jump = may_jump .or. any(jumps(system%laws(i)%program%code))
       end do
     end select
   end function may_jump
-
-  pure logical function jumps(program)
-    type(law_program), intent(in) :: program
-    jumps = any(program%code == f_sign .or. program%code == f_heaviside &
-                .or. (program%code >= f_less .and. program%code <= f_atleast))
-  end function jumps
 
   !> The jumps on the way of a motion. Not `known`: it stays on a surface, or grazes one, or two
   !! laws jump at once.
@@ -86,7 +82,7 @@ contains
       do i = 1, size(system%laws)
         associate (law => system%laws(i))
           if (law%state > 0) cycle
-          if (.not. jumps(law%program)) cycle
+          if (.not. any(jumps(law%program%code))) cycle
           y = turned(matmul(x, transpose(law%rates)), mu) + matmul(x, transpose(law%arguments))
           call find_signals(law%program, none, signals)
           scan = matmul(transpose(set%synthesis), y)

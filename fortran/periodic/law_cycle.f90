@@ -8,7 +8,8 @@ module viscovib_law_cycle
   use viscovib_constants, only: pi
   use viscovib_harmonic_set, only: harmonic_set_type
   use viscovib_kinds, only: wp
-  use viscovib_law_program, only: f_atleast, f_heaviside, f_less, f_sign, law_program
+  use viscovib_law_functions, only: jumps
+  use viscovib_law_program, only: law_program
   use viscovib_phase_panels, only: add_moments, add_parts, is_resolved, longest_panel, motion_at, &
                                    new_panel, nodes, panel_type, wave_sum, waves_at, &
                                    weigh
@@ -125,8 +126,7 @@ contains
       sums%c(-m, :) = sums%c(m, :)
       sums%s(-m, :) = -sums%s(m, :)
     end do
-    if (.not. any(program%code == f_sign .or. program%code == f_heaviside &
-                  .or. (program%code >= f_less .and. program%code <= f_atleast))) return
+    if (.not. any(jumps(program%code))) return
     allocate (sums%jumps(size(y, 1), size(y, 1), size(y, 2)), source=0.0_wp)
     call add_jumps(program, signals, set, y, along, found, sums)
   end subroutine law_slopes

@@ -1,15 +1,17 @@
 !> Where force laws change their branch, and laws with every branch held.
 !!
 !! abs, min, max, sign, heaviside and comparisons are smooth on either side of a surface: that on
-!! which what they compare is equal. With its side of each surface held a law is smooth
+!! which what they compare is equal. So is atan2, where its first operand is 0: the cut of the angle. With its side of each surface held a law is smooth
 !! beyond it too, so that an integrator of high order steps up to the surface, and from there on
 !! with the other branch, without losing its order. Of a root or a power of what is 0 on a surface
 !! that is not so (viscovib_law_roots): the surface is rough.
 module viscovib_law_branches
   use viscovib_kinds, only: wp
+  use viscovib_law_functions, only: angle_above, angle_below, f_atan2
   use viscovib_law_program, only: branches, f_abs, f_heaviside, f_max, f_min, f_more, f_sign, &
-                                  f_sqrt, first_of_two, held_power, law_program, negate, &
-                                  number_for_one, number_for_two, operands, second_of_two, subtract
+                                  f_sqrt, f_where, first_of_two, held_power, law_program, &
+                                  negate, number_for_one, number_for_two, operands, put_number, &
+                                  second_of_two, subtract, wall
   use viscovib_law_roots, only: find_roots
   implicit none
   private
@@ -76,22 +78,23 @@ contains
     !> 1 or -1 for each, 0: free; or of no size, all free.
     integer, intent(in) :: sides(:)
     type(law_program), allocatable, intent(out) :: signals(:)
-    integer :: i, k, first, wanted
+    integer :: i, j, k, first
 
     allocate (signals(law%n_surfaces()))
     k = 0
     do i = 1, size(law%code)
       if (.not. branches(law%code(i))) cycle
-      wanted = operands(law%code(i))
-      first = i
-      do while (wanted > 0)
-        first = first - 1
-        wanted = wanted - 1 + operands(law%code(first))
+      first = i - 1
+      do j = 1, operands(law%code(i))
+        first = before(law, first)
       end do
+      first = first + 1
       k = k + 1
       call hold(law, first, i - 1, sides, signals(k))
       if (operands(law%code(i)) == 2) then
-        signals(k)%code = [signals(k)%code, subtract]
+        ! Of an angle the first operand, which is 0 on its cut.
+        signals(k)%code = [signals(k)%code, &
+                           merge(first_of_two, subtract, law%code(i) == f_atan2)]
         signals(k)%number = [signals(k)%number, 0.0_wp]
       end if
       call signals(k)%measure()
@@ -139,7 +142,54 @@ contains
     end do
     part%code = part%code(:n)
     part%number = part%number(:n)
+    call settle_choices(part)
   end subroutine hold
+
+  !> What `where` asks for is known with the branches held: a number, or a function that is 0 on
+  !! surfaces alone, as that of where(max(d, 0), a, b) on both sides of d = 0. It is put in as a
+  !! number, since on the surface itself, where parts of motions begin, the function is 0 too.
+  subroutine settle_choices(part)
+    type(law_program), intent(inout) :: part
+    integer, parameter :: n = 5
+    type(law_program) :: asked
+    real(wp) :: places(n, part%n_arguments), value(n)
+    integer :: i, j, first, last
+
+    i = 0
+    do while (i < size(part%code))
+      i = i + 1
+      if (part%code(i) /= f_where) cycle
+      last = before(part, before(part, i - 1))
+      first = before(part, last) + 1
+      if (any(branches(part%code(first:last)))) cycle
+      asked%n_arguments = part%n_arguments
+      asked%code = part%code(first:last)
+      asked%number = part%number(first:last)
+      call asked%measure()
+      ! At places that no law prefers.
+      places = reshape([(sin(1.7_wp*j), j=1, size(places))], shape(places))
+      call asked%evaluate(places, value)
+      if (any(abs(value) >= wall)) cycle
+      part%code = [part%code(:first - 1), put_number, part%code(last + 1:)]
+      part%number = [part%number(:first - 1), &
+                     merge(1.0_wp, 0.0_wp, any(abs(value) > 0.0_wp)), part%number(last + 1:)]
+      i = i - (last - first)
+    end do
+  end subroutine settle_choices
+
+  !> The instruction before the value that this one leaves.
+  pure integer function before(part, last)
+    type(law_program), intent(in) :: part
+    integer, intent(in) :: last
+    integer :: wanted
+
+    before = last
+    wanted = 1
+    do while (wanted > 0)
+      wanted = wanted - 1 + operands(part%code(before))
+      before = before - 1
+    end do
+  end function before
 
   !> What an instruction is on one side of its surface.
   pure subroutine take(code, side, taken, number)
@@ -161,6 +211,8 @@ contains
       taken = merge(first_of_two, second_of_two, side == 1)
     case (f_min)
       taken = merge(second_of_two, first_of_two, side == 1)
+    case (f_atan2)
+      taken = merge(angle_above, angle_below, side == 1)
     case default
       ! Below: less, atmost; above: more, atleast.
       taken = number_for_two

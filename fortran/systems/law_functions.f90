@@ -4,12 +4,13 @@
 !! motion, so that no solution lies there and no number that is none comes about. What other
 !! functions make of a value outside a domain is the wall again (viscovib_law_program).
 module viscovib_law_functions
+  use viscovib_constants, only: pi
   use viscovib_kinds, only: wp
   implicit none
   private
 
-  public :: bounded, branches, degree_of, is_whole, leaves, of_one, of_two, operands, parity_of, &
-            within
+  public :: bounded, branches, degree_of, is_whole, jumps, leaves, of_one, of_two, operands, &
+            parity_of, within
 
   !> The value outside a domain, and the largest argument of exp.
   real(wp), parameter, public :: wall = 1.0e60_wp, steepest = 138.0_wp
@@ -35,6 +36,9 @@ module viscovib_law_functions
   !> What stands for a root or a power of an operand of which the branch is held: of what is
   !! negative too, -|x|^number.
   integer, parameter, public :: held_power = -5
+  !> What stands for atan2 above or below its cut, where the first operand is 0 and the second
+  !! negative: the angle, which goes on beyond.
+  integer, parameter, public :: angle_above = -6, angle_below = -7
   integer, parameter, public :: f_tan = 13, f_asin = 14, f_acos = 15, f_atan = 16, f_sinh = 17, &
                                 f_asinh = 20, f_acosh = 21, f_atanh = 22
   integer, parameter, public :: f_atan2 = 29
@@ -56,7 +60,7 @@ contains
     case (put_number, put_argument)
       operands = 0
     case (add, subtract, multiply, divide, power, f_atan2:f_atleast, f_pow, &
-          second_of_two:number_for_two)
+          second_of_two:number_for_two, angle_below:angle_above)
       operands = 2
     case (f_where)
       operands = 3
@@ -67,12 +71,19 @@ contains
     end select
   end function operands
 
-  !> Whether an instruction has a kink or a jump, where its operand is 0 or both are equal.
+  !> Whether an instruction has a kink or a jump, where its operand is 0 (of atan2 the first) or
+  !! both are equal.
   elemental logical function branches(code)
     integer, intent(in) :: code
-    branches = any(code == [f_abs, f_sign, f_heaviside, f_min, f_max]) &
-               .or. (code >= f_less .and. code <= f_atleast)
+    branches = any(code == [f_abs, f_min, f_max]) .or. jumps(code)
   end function branches
+
+  !> Whether it is a jump.
+  elemental logical function jumps(code)
+    integer, intent(in) :: code
+    jumps = any(code == [f_sign, f_heaviside, f_atan2]) &
+            .or. (code >= f_less .and. code <= f_atleast)
+  end function jumps
 
   !> Whether an instruction has a domain that ends: beyond it there is no number, not a large one.
   elemental logical function bounded(code)
@@ -131,11 +142,15 @@ contains
       end if
       value = x**y
       by = [y*x**(y - 1.0_wp), value*log(x)]
-    case (f_atan2)
+    case (f_atan2, angle_above, angle_below)
       size_of = x*x + y*y
       value = 0.0_wp
       if (.not. size_of > 0.0_wp) return
       value = atan2(x, y)
+      if (y < 0.0_wp) then
+        if (code == angle_above .and. value < 0.0_wp) value = value + 2.0_wp*pi
+        if (code == angle_below .and. value > 0.0_wp) value = value - 2.0_wp*pi
+      end if
       by = [y/size_of, -x/size_of]
     case (f_min, f_max)
       ! Where both are equal each has half.

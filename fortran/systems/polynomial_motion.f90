@@ -126,6 +126,8 @@ contains
     if (size(sides) == 0) return
     call self%laws%take(sides)
     self%signals = self%laws%signals
+    ! What a function depends on jumps nowhere inside of a step that ends on the jump.
+    if (self%layers%exist()) call self%layers%find(self%laws%laws)
   end subroutine take_sides
 
   !> Where the motion slides on a surface: 1 - lambda^2, lambda being -1 and 1 on its sides.

@@ -252,3 +252,82 @@ def test_goes_on_sticking_bit_for_bit():
         part = vv.simulate(system, cut, dt=0.1, load=0.5, nu=0.8)
         again = vv.simulate(system, 20.0, resume=part)
         np.testing.assert_array_equal(again.state[-1], whole.state[-1])
+
+
+def angle(sine, cosine, above):
+    """The angle on one side of its cut, going on beyond."""
+    if above:
+        return np.pi / 2 + np.arctan2(-cosine, sine)
+    return np.arctan2(cosine, -sine) - np.pi / 2
+
+
+#: Laws in the first equation that jump where a function does not look like it: their values on both
+#: sides of a surface, and that surface.
+HIDDEN_JUMPS = {
+    "0.3*atan2(x2 - 0.1, x1)": (
+        lambda x, above: 0.3 * angle(x[1] - 0.1, x[0], above),
+        lambda x: x[1] - 0.1,
+    ),
+    "0.3*sin(1.5*atan2(x2, x1 - 0.2)) + 0.2*abs(x2)": (
+        lambda x, above: (
+            0.3 * np.sin(1.5 * angle(x[1], x[0] - 0.2, above)) + (0.2 if above else -0.2) * x[1]
+        ),
+        lambda x: x[1],
+    ),
+    "where(max(x1 - 0.1, 0), x2, 0.5*x1)": (
+        lambda x, above: x[1] if above else 0.5 * x[0],
+        lambda x: x[0] - 0.1,
+    ),
+}
+
+
+@pytest.mark.parametrize("law", HIDDEN_JUMPS)
+def test_jumps_of_angles_and_choices(law):
+    """The cut of atan2 is a surface, also inside of a function, and so is what `where` asks."""
+    force, surface = HIDDEN_JUMPS[law]
+    rng = np.random.default_rng(3)
+    for _ in range(4):
+        k, c, loads = rng.uniform(0.8, 2, 2), rng.uniform(0.01, 0.2, 2), rng.normal(0, 0.4, 2)
+        start, nu = rng.normal(0, 0.6, 4), rng.uniform(0.5, 2)
+
+        def side(above, k=k, c=c, loads=loads, nu=nu):
+            def slope(t, y):
+                x, v = y[::2], y[1::2]
+                a = loads * np.sin(nu * t) - k * x - c * v + 0.2 * x[::-1]
+                a[0] -= force(x, above)
+                return np.array([v[0], a[0], v[1], a[1]])
+
+            return slope
+
+        expected = by_pieces((side(0), side(1)), lambda t, y: surface(y[::2]), 8.0, start)
+        system = vv.PolynomialSystem(
+            mass=[1, 1], stiffness=np.diag(k) - 0.2 * np.eye(2)[::-1], damping=c,
+            forces={"x1": law},
+        )  # fmt: skip
+        motion = {"initial": start, "load": loads, "nu": nu, "keep": "last"}
+        for more in (
+            {},
+            {"dt": 0.2, "method": "gauss8", "estimate_error": True},
+            {"dt": 0.05, "method": "verner9", "estimate_error": True},
+        ):
+            run = vv.simulate(system, 8.0, **motion, **more)
+            assert run.outcome == "completed"
+            assert run.error < 1e-5
+            np.testing.assert_allclose(run.state[-1], expected, atol=3 * run.error + 1e-11)
+
+
+def test_cut_in_a_structure():
+    """The same motion whether the equations are those of a structure or of a polynomial system."""
+    law, k = "0.3*atan2(v - 0.1, d)", np.array([[1.3, -0.2], [-0.2, 1.1]])
+    motion = {"initial": [0.5, 0.3, -0.4, 0.6], "load": [0.4, -0.3], "nu": 1.1, "keep": "last"}
+    own = vv.Structure(
+        mass=np.eye(2), stiffness=k, damping=0.05 * k, elements=[vv.Spring(on="x1", law=law)]
+    )
+    text = law.replace("d", "x1").replace("v", "x1_dot")
+    same = vv.PolynomialSystem(
+        mass=[1, 1], stiffness=k, forces={"x1": f"0.065*x1_dot-0.01*x2_dot + {text}", "x2":
+        "-0.01*x1_dot+0.055*x2_dot"}
+    )  # fmt: skip
+    runs = [vv.simulate(system, 10.0, **motion) for system in (own, same)]
+    assert max(run.error for run in runs) < 1e-10
+    np.testing.assert_allclose(runs[0].state[-1], runs[1].state[-1], atol=1e-10)

@@ -22,8 +22,8 @@ _NUMBER, _ARGUMENT, _SUBTRACT, _MULTIPLY = 1, 2, 4, 5
 _ODD = -1
 #: A function of Python of n operands is this + n; its number is its place among `Law.calls`.
 _CALLED = 40
-#: Those with a kink or a jump: abs, sign, heaviside, min, max and comparisons.
-_BRANCHES = (26, 27, 28, 30, 31, 32, 33, 34, 35)
+#: Those with a kink or a jump: abs, sign, heaviside, atan2, min, max and comparisons.
+_BRANCHES = (26, 27, 28, 29, 30, 31, 32, 33, 34, 35)
 #: What the core gives outside a domain, and how near to rest a law must have a value.
 _WALL, _NEAR = 1e60, 1e-9
 #: Variables that a message lists.
