@@ -301,13 +301,14 @@ contains
     class(driven_system_type), intent(in) :: system
     real(wp), intent(in) :: drive(n_lanes, size(system%drives))
     logical, intent(out) :: made
-    real(wp) :: new(n_lanes, size(self%x)), change, before, expected, size_of, moved
+    real(wp) :: new(n_lanes, size(self%x)), change, before, expected, way, places, moved
     integer :: k, m
 
     made = .false.
     before = 0.0_wp
     associate (weight => self%maps(self%now)%size_of_push, s => self%table%n_nodes)
-      size_of = sum(abs(self%x)) + self%h*sum(abs(self%x_rate))
+      places = sum(abs(self%x))
+      way = self%h*sum(abs(self%x_rate))
       do k = 1, max_iterations
         call self%follow()
         call self%pushes(system, drive, new)
@@ -321,12 +322,13 @@ contains
         self%push = new
         ! An iterate that runs away is stopped before it overflows.
         if (.not. change <= self%h**2*system%range%push) return
-        ! The next correction would shrink by the same factor again.
+        ! The next correction would shrink by the same factor again. It counts beside how far the
+        ! motion goes, else a short part of a step tells no velocity.
         expected = change
         if (before > change) expected = change*(change/before)
-        made = expected <= max(self%tolerance*(moved + size_of), negligible) &
+        made = expected <= max(self%tolerance*(moved + way), negligible) &
                .or. (k > 2 .and. change >= 0.5_wp*before &
-                     .and. change <= n_lanes*rounding*(moved + size_of))
+                     .and. change <= n_lanes*rounding*(moved + way + places))
         if (made) exit
         before = change
       end do

@@ -185,13 +185,14 @@ contains
         if (.not. made) return
       end if
       call compare(map%n_core, self%x, self%next, change, size_of)
-      size_of = size_of + maxval(abs(u))
       call copy(n_rows, self%next, self%x)
-      ! The next correction would shrink by the same factor again.
+      ! The next correction would shrink by the same factor again. It counts beside how far the
+      ! motion goes in the step, not beside where it is: else a short step, as the first ones of
+      ! memory are, tells no velocity. What rounding of the places leaves shrinks no more.
       expected = change
       if (before > change .and. turn > 1) expected = change*(change/before)
       made = expected <= self%solved*size_of &
-             .or. (change >= 0.5_wp*before .and. change <= rounding*size_of)
+             .or. (change >= 0.5_wp*before .and. change <= rounding*(size_of + maxval(abs(u))))
       if (made .or. .not. change <= huge(1.0_wp)) return
       if (turn >= patience .and. change > slow*before) newton = .true.
       before = change

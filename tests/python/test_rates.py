@@ -221,3 +221,34 @@ def test_branch_over_a_parameter_of_friction():
     )  # fmt: skip
     found = vv.forced_response(structure(0.4), [1.3], load=[0.3], method="newton", harmonics=15)
     np.testing.assert_allclose(branch.coefficients[-1], found.coefficients[0], atol=1e-8)
+
+
+@pytest.mark.parametrize("law", ["50*sqrt(d^2 + 0.01)*v", "10*d^3*v", "30*v^2*d", "40*tanh(v)"])
+def test_strong_dampers_at_the_beginning(law):
+    """Short panels of the first step, which halves of it share, tell a velocity too."""
+    force = {
+        "50*sqrt(d^2 + 0.01)*v": lambda d, v: 50 * np.sqrt(d * d + 0.01) * v,
+        "10*d^3*v": lambda d, v: 10 * d**3 * v,
+        "30*v^2*d": lambda d, v: 30 * v * v * d,
+        "40*tanh(v)": lambda d, v: 40 * np.tanh(v),
+    }[law]
+    rng = np.random.default_rng(11)
+    kernel = vv.PronyKernel(weights=[0.2, 0.3], rates=[5.0, 1.0])
+    system = vv.Structure(
+        mass=[1.0],
+        stiffness=[1.0],
+        elements=[vv.Spring(on="x1", law=law), vv.Spring(on="x1", stiffness=0.5, kernel=kernel)],
+    )
+    for _ in range(8):
+        end, start = 10 ** rng.uniform(-2.5, -1.2), rng.uniform(0.3, 1, 2)
+
+        def slope(t, y):
+            pull = 0.5 * y[0]
+            a = -y[0] - pull - force(*y[:2]) + y[2:].sum()
+            return [y[1], a, 0.2 * pull - 5 * y[2], 0.3 * pull - y[3]]
+
+        right = solve_ivp(
+            slope, (0, end), [*start, 0, 0], "DOP853", rtol=3e-14, atol=1e-16, max_step=end / 20
+        ).y
+        run = vv.simulate(system, end, dt=end, initial=start, keep="last")
+        assert np.abs(run.state[-1] - right[:2, -1]).max() < 1e-13, (end, start)
