@@ -70,6 +70,7 @@ module viscovib_driven_system
     procedure :: take_sides
     procedure :: signal_at
     procedure :: meet
+    procedure :: longest_part
     procedure :: drive_at
   end type driven_system_type
 
@@ -122,6 +123,15 @@ module viscovib_driven_system
   end interface
 
 contains
+
+  !> The longest part of a step of which two runs may have the same, by states on it.
+  real(wp) function longest_part(self, q, v)
+    class(driven_system_type), intent(in) :: self
+    !> Shape (n, n_dof).
+    real(wp), intent(in) :: q(:, :), v(:, :)
+    longest_part = huge(1.0_wp)
+    if (size(q, 2) /= self%n_dof .or. size(v, 2) /= self%n_dof) longest_part = 0.0_wp
+  end function longest_part
 
   !> The range of equations whose numbers may have any unit: an escape ends where its time stands
   !! still, and nothing else does but what would overflow when it is raised to a power.

@@ -11,6 +11,7 @@ module viscovib_polynomial_motion
   use viscovib_kinds, only: wp
   use viscovib_lanes, only: add_two, max_dof, most_sloped, n_lanes, turn
   use viscovib_law_branches, only: slides
+  use viscovib_law_rates, only: part_by_laws
   use viscovib_law_slopes, only: most_arguments
   use viscovib_law_term, only: law_term, part_linear
   use viscovib_load, only: load_type
@@ -45,17 +46,14 @@ module viscovib_polynomial_motion
     procedure :: push
     procedure :: margin
     procedure :: fastest
-    procedure :: add_table
-    procedure :: enter
+    procedure :: add_table, enter
     procedure :: take_sides
     procedure :: signal_at
     procedure :: meet
+    procedure :: longest_part
     procedure :: settle
-    procedure :: n_switches
-    procedure :: keep_switches
-    procedure :: recall_switches
-    procedure, private :: but_laws
-    procedure, private :: add_pushes
+    procedure :: n_switches, keep_switches, recall_switches
+    procedure, private :: but_laws, add_pushes
   end type polynomial_motion_type
 
 contains
@@ -290,6 +288,14 @@ contains
     end associate
   end subroutine meet_element
 
+  !> As short as its laws are stiff there.
+  real(wp) function longest_part(self, q, v)
+    class(polynomial_motion_type), intent(in) :: self
+    real(wp), intent(in) :: q(:, :), v(:, :)
+    longest_part = part_by_laws(self%laws%laws, self%inverse, self%linear_rate, self%step_length, &
+                                self%thin, q, v)
+  end function longest_part
+
   !> Elements that know what was begin here.
   subroutine settle(self, q, v)
     class(polynomial_motion_type), intent(inout) :: self
@@ -331,7 +337,6 @@ contains
 
     n = size(self%laws%holds)
     m = self%laws%n_known()
-    if (n == 0) return
     if (all(abs(kept(m + 1:m + n)) <= 0.0_wp)) return
     call self%laws%recall(kept(:m))
     self%sides = nint(kept(m + 1:m + n))
@@ -349,8 +354,7 @@ contains
     do i = 1, size(breaks)
       self%pieces(:, :, i) = matmul(self%inverse, pieces(:, :, i))
     end do
-    allocate (self%piece(self%n_dof, 4))
-    self%piece = 0.0_wp
+    allocate (self%piece(self%n_dof, 4), source=0.0_wp)
     self%timed = .true.
     self%drives = [self%drives, 0.0_wp]
     self%quarters = [self%quarters, 0]

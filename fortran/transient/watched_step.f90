@@ -11,7 +11,7 @@ module viscovib_watched_step
   use viscovib_event_search, only: first_passage, signal_along
   use viscovib_kinds, only: wp
   use viscovib_law_branches, only: slides, watched_function
-  use viscovib_law_layers, only: unseen
+  use viscovib_part_lengths, only: look_for_layers, look_for_stiff
   use viscovib_step_path, only: step_path
   use viscovib_passage_time, only: settle_thin
   use viscovib_stepper, only: stepper_type
@@ -136,17 +136,14 @@ contains
     end if
     if (at%near_edge) return
     call trace(at, method, system)
-    if (system%layers%exist()) then
-      call look_for_layers(at, system, method%h, length)
-      if (length < method%h) then
-        call method%load_memory(at%memory)
-        call shorten(at, method, system, length)
-        more = .true.
-        return
+    call look_for_layers(at%path, system, at%until, method%h, length)
+    if (.not. length < method%h) then
+      call first_surface(at, system, which, place)
+      call look_for_rough(at, system, which, place, method%h, length)
+      if (which > 0 .or. at%n_passed > 0 .or. at%n_halved > 0) then
+        call look_for_stiff(at%path, system, place, method%h, length)
       end if
     end if
-    call first_surface(at, system, which, place)
-    call look_for_rough(at, system, which, place, method%h, length)
     if (length < method%h) then
       call method%load_memory(at%memory)
       call shorten(at, method, system, length)
@@ -232,27 +229,6 @@ contains
       if (at%sides(i)*(g(2) + (g(2) - g(1))/short) < 0.0_wp) length = 0.5_wp*h
     end do
   end subroutine look_for_rough
-
-  !> How long the part just made should have been because of thin layers of forces in it. Once one
-  !! may have been missed, all that follow are seen well.
-  subroutine look_for_layers(at, system, h, length)
-    type(watched_step_type), intent(in) :: at
-    class(driven_system_type), intent(inout) :: system
-    real(wp), intent(in) :: h
-    real(wp), intent(out) :: length
-    !> The shortest part as one of the step of the run; a part is made that much shorter at once.
-    real(wp), parameter :: least = 1.0e-12_wp, most = 1.0_wp/32.0_wp
-    real(wp) :: thin
-
-    length = h
-    if (h <= max(least*system%step_length, 64.0_wp*spacing(at%until))) return
-    thin = system%layers%thinness_at(at%path%start + h*at%path%points, at%path%points, at%path%q, &
-                              at%path%v, .false.)
-    if (thin > unseen) system%in_parts = .true.
-    if (system%in_parts .and. thin > system%thin) then
-      length = h*min(0.5_wp, max(most, system%thin/thin))
-    end if
-  end subroutine look_for_layers
 
   !> Length of the part nearest to a rough surface.
   real(wp) function closest(system, which)

@@ -331,3 +331,38 @@ def test_cut_in_a_structure():
     runs = [vv.simulate(system, 10.0, **motion) for system in (own, same)]
     assert max(run.error for run in runs) < 1e-10
     np.testing.assert_allclose(runs[0].state[-1], runs[1].state[-1], atol=1e-10)
+
+
+#: Stops that do more than push in proportion, of the way p into them and of the speed v.
+STIFF_STOPS = {
+    "S*max(x - A, 0)^2": lambda s, p, v: s * p**2,
+    "S*max(x - A, 0)*(1 + x_dot)": lambda s, p, v: s * p * (1 + v),
+    "where(x > A, exp(40*(x - A)) - 1, 0)": lambda s, p, v: np.expm1(40 * p),
+    "S*max(x - A, 0)^2*(1 + 1.6*x_dot)": lambda s, p, v: s * p**2 * (1 + 1.6 * v),
+}
+
+
+@pytest.mark.parametrize("law", STIFF_STOPS)
+def test_contacts_are_as_right_as_they_say(law):
+    """A contact shorter than a step is in one part of it in coarse steps and in fine ones."""
+    rng = np.random.default_rng(8)
+    push = STIFF_STOPS[law]
+    for _ in range(6):
+        stiff, gap = 10 ** rng.uniform(1, 5), rng.uniform(0, 0.5)
+        c, load, nu = rng.uniform(0, 0.3), rng.uniform(0.2, 1), rng.uniform(0.4, 1.5)
+        start = np.array([min(rng.normal(0, 0.5), gap - 0.01), rng.normal(0, 0.5)])
+        t_end = rng.uniform(2, 6)
+
+        def side(on, stiff=stiff, gap=gap, c=c, load=load, nu=nu):
+            def slope(t, y):
+                pushed = push(stiff, y[0] - gap, y[1]) if on else 0.0
+                return [y[1], load * np.sin(nu * t) - y[0] - c * y[1] - pushed]
+
+            return slope
+
+        expected = by_pieces((side(0), side(1)), lambda t, y, gap=gap: y[0] - gap, t_end, start)
+        system = vv.PolynomialSystem(
+            mass=1, stiffness=1, damping=c, forces=law, parameters={"S": stiff, "A": gap}
+        )
+        run = vv.simulate(system, t_end, initial=start, load=load, nu=nu, keep="last")
+        assert np.abs(run.state[-1] - expected).max() < 3 * run.error + 1e-11, (stiff, gap)
