@@ -140,6 +140,38 @@ subroutine polynomial_simulate(flat, n_flat, orders, series, n_rows, n_series, n
   call report(outcome, status)
 end subroutine polynomial_simulate
 
+!> Upper bound of the rates of its linear rest, of as many coordinates as sections take (rad/s).
+subroutine polynomial_fastest(flat, n_flat, fastest, status)
+  use, intrinsic :: iso_c_binding, only: c_double, c_int
+  use viscovib_binding_tools, only: report
+  use viscovib_kinds, only: wp
+  use viscovib_load, only: load_type, new_load
+  use viscovib_polynomial, only: polynomial_type
+  use viscovib_polynomial_motion, only: new_polynomial_motion, polynomial_motion_type
+  use viscovib_status, only: status_type
+  use viscovib_system_vector, only: polynomial_from_vector
+  implicit none
+  integer(c_int), intent(in) :: n_flat
+  real(c_double), intent(in) :: flat(n_flat)
+  real(c_double), intent(out) :: fastest
+  integer(c_int), intent(out) :: status
+  complex(wp), allocatable :: forces(:, :), none(:)
+  type(polynomial_type) :: system
+  type(load_type) :: load
+  type(polynomial_motion_type) :: motion
+  type(status_type) :: outcome
+
+  fastest = 0.0_c_double
+  call polynomial_from_vector(system, flat, outcome)
+  if (.not. outcome%failed()) then
+    allocate (forces(system%n_dof(), 0), none(0))
+    call new_load(load, system%n_dof(), [integer ::], forces, none, outcome)
+    call new_polynomial_motion(motion, system, load, 0.0_wp, outcome, in_sections=.true.)
+    if (.not. outcome%failed()) fastest = motion%fastest()
+  end if
+  call report(outcome, status)
+end subroutine polynomial_fastest
+
 !> What such a motion computes and skips; last_only /= 0: one state is kept.
 subroutine polynomial_plan(flat, n_flat, orders, series, n_rows, n_series, initial, t_end, dt, &
                            tolerance, method, save_every, last_only, text, status)

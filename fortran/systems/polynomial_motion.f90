@@ -491,10 +491,11 @@ contains
     margin = 1.0_wp + 0.0_wp*q(:, 1)
   end function margin
 
-  !> Upper bound of the rates of the linear system and the load (rad/s): what steps begin with.
+  !> Upper bound of the rates of the linear system and of all orders of the load (rad/s): what
+  !! steps begin with.
   pure real(wp) function fastest(self)
     class(polynomial_motion_type), intent(in) :: self
-    fastest = max(self%linear_rate, self%drives(1))
+    fastest = max(self%linear_rate, maxval([self%orders, 0])*self%drives(1))
   end function fastest
 
 end module viscovib_polynomial_motion

@@ -176,3 +176,25 @@ def test_scenes_end_steps_at_kinks_too(tmp_path):
     vv.run(scene).to_csv(table)
     last = np.array(table.read_text().splitlines()[-1].split(",")[1:17], dtype=float)
     np.testing.assert_allclose(last, run.state[-1], atol=1e-11)
+
+
+@pytest.mark.parametrize("order", [1, 5])
+@pytest.mark.parametrize("n", [3, N])
+def test_scenes_and_python_take_the_same_steps(tmp_path, n, order):
+    """Of a chain with springs of any stiffness, under a load of any order."""
+    rng = np.random.default_rng(10 * n + order)
+    path, table = tmp_path / "scene.nml", tmp_path / "table.csv"
+    for _ in range(4):
+        mass, stiffness, damping = rng.uniform([[0.3], [0.1], [0.01]], [[3], [9], [1]], (3, n))
+        numbers = [", ".join(map(repr, part.tolist())) for part in (mass, stiffness, damping)]
+        path.write_text(f"""&structure mass = {numbers[0]}, stiffness = {numbers[1]},
+  damping = {numbers[2]} /
+&element on = 'x1', 'x2', law = '5*max(d - 0.1, 0) + 0.3*d' /
+&load on = 'x1', amplitude = 0.8, order = {order} /
+&transient t_end = 9, nu = 2.3, tolerance = 1e-8 /
+""")
+        scene = vv.Scene.read(path)
+        run = vv.simulate(scene.structure(), 9, load={order: {"x1": 0.8}}, nu=2.3, tolerance=1e-8)
+        vv.run(scene).to_csv(table)
+        rows = [row for row in table.read_text().splitlines() if row[0].isdigit()]
+        np.testing.assert_array_equal([float(row.split(",")[0]) for row in rows], run.t)

@@ -129,12 +129,8 @@ def polynomial_runs(
     nu: float | None,
     force: LoadTable | None,
     solved: float,
-    seen: FloatArray | None = None,
 ) -> tuple[Callable[[float], Run], int]:
-    """Return what makes a run with a step, and the steps to begin with.
-
-    ``seen``: where elements are in a system of more coordinates than `MAX_DOF`, as for `_pace`.
-    """
+    """Return what makes a run with a step, and the steps to begin with."""
     n = len(system.dof_names)
     breaks, pieces = table_of(force, n)
     state = np.zeros(2 * n) if initial is None else starting_state(initial, n, system.dof_names)
@@ -158,7 +154,10 @@ def polynomial_runs(
     name = "gauss8" if method == "auto" else method
     # Steps must see the highest order of the load.
     highest = frequency * max(acting, default=0)
-    fastest = system._fastest() if n <= MAX_DOF or seen is None else _pace(system, seen)
+    if n <= MAX_DOF:
+        fastest = system._fastest()
+    else:
+        (fastest,) = _native.call(core.polynomial_fastest, system._flat)
     many = end * max(fastest, highest) / (0.5 * math.pi)
     steps = max(1, math.ceil(min(many, 2.0 * MAX_STEPS)))
     pushed = [False] * n if force is None else [bool(one.any()) for one in pieces]
@@ -170,25 +169,6 @@ def polynomial_runs(
     layers = ThinLayers()
     job = (system._flat, orders, series, frequency, breaks, pieces, moves, layers, force)
     return partial(PolynomialRun.of_job, system, name, state, solved, job), steps
-
-
-def _pace(system: PolynomialSystem, directions: FloatArray) -> float:
-    """The frequency at which what is seen of the linear rest is as stiff as it is heavy (rad/s).
-
-    The sections of the rest need no steps, but what moves the coordinates, all of them together,
-    and what elements see in their ``directions``, shape (n_dof, n), each by itself.
-    """
-    from scipy.linalg import eigh
-
-    stiffness = system._stiffness_at_rest
-    squares, shapes = eigh(0.5 * (stiffness + stiffness.T), system._mass_matrix)
-    soft = np.divide(1.0, np.abs(squares), out=np.zeros_like(squares), where=squares != 0)
-    softest = (shapes**2 @ soft).max()
-    seen = (directions.T @ shapes) ** 2
-    ratios = [(shapes**2).sum(axis=1).max() / softest] if softest else []
-    yields = seen @ soft
-    ratios += list(seen.sum(axis=1)[yields > 0] / yields[yields > 0])
-    return math.sqrt(max(ratios, default=0.0))
 
 
 def _of_states(size: int, method: str, n: int) -> npt.NDArray[np.bool_]:

@@ -28,7 +28,6 @@ from viscovib.systems.structure import Structure
 from viscovib.systems.structure_matrices import dense_of
 from viscovib.systems.whole import (
     has_text_laws,
-    seen_by_laws,
     shares_switches,
     switches,
     whole_system,
@@ -102,8 +101,7 @@ def whole_runs(
 ) -> tuple[Callable[[float], Run], int]:
     """Return what makes a run with a step, and the steps to begin with."""
     whole = whole_system(structure)
-    seen = seen_by_laws(structure)
-    make, steps = polynomial_runs(whole, end, initial, method, load, nu, force, solved, seen)
+    make, steps = polynomial_runs(whole, end, initial, method, load, nu, force, solved)
     check_outside(structure, make(1.0).state)
     return partial(_of_structure, structure, make), steps
 

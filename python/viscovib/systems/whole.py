@@ -46,15 +46,6 @@ def has_text_laws(structure: Structure) -> bool:
     return any(not law.state for law in _laws_of(structure))
 
 
-def seen_by_laws(structure: Structure) -> FloatArray:
-    """Deflections that laws depend on, shape (n_dof, n)."""
-    seen = [e.direction for e in structure._all_elements if e.law is not None]
-    for coupling in coupling_terms(structure.elements, structure.dof_names, structure._places):  # type: ignore[attr-defined]
-        if coupling.programs:
-            seen += list(coupling.directions)
-    return np.array(seen).reshape(len(seen), structure.n_coordinates).T
-
-
 def _laws_of(structure: Structure) -> list[Law]:
     laws = [element.law for element in structure._all_elements if element.law is not None]
     for coupling in coupling_terms(structure.elements, structure.dof_names, structure._places):  # type: ignore[attr-defined]
