@@ -83,8 +83,41 @@ contains
     report%summary = show(found)//' of ' &
                      //things(size(self%nu), 'frequency', 'frequencies')//' solved'
     if (short > 0) report%summary = report%summary//', '//show(short) &
-                                    //' of them with too few harmonics'
+                                    //' of them with too few harmonics'//worst_of(response)
+    if (found < size(self%nu)) report%summary = report%summary//gaps_of(response)
   end subroutine run
+
+  !> Where orders lack most, and what that leaves.
+  function worst_of(response) result(text)
+    type(response_type), intent(in) :: response
+    character(len=:), allocatable :: text
+    logical :: lacks(size(response%nu))
+    integer :: i
+    lacks = .false.
+    where (response%outcome == outcome_converged) lacks = response%truncation > response%allowed
+    i = maxloc(response%truncation, 1, lacks)
+    text = ' (worst at nu = '//show(response%nu(i))//', where those up to ' &
+           //show(response%highest(i))//' leave an estimated relative error of ' &
+           //show(response%truncation(i))//')'
+  end function worst_of
+
+  !> Why there is no solution, and where.
+  function gaps_of(response) result(text)
+    type(response_type), intent(in) :: response
+    character(len=:), allocatable :: text
+    real(wp), allocatable :: lost(:)
+    integer :: i, n
+
+    lost = pack(response%nu, response%outcome /= outcome_converged)
+    text = ''
+    do i = outcome_converged + 1, ubound(outcome_names, 1)
+      n = count(response%outcome == i)
+      if (n > 0) text = text//', '//show(n)//' '//trim(outcome_names(i))
+    end do
+    text = '; no solution ('//text(3:)//') at nu = '//show(minval(lost))
+    if (size(lost) > 1) text = text//' to '//show(maxval(lost))
+    text = text//', nan there'
+  end function gaps_of
 
   !> A row a frequency.
   subroutine tabulate_response(response, coordinates, units, table, extra)

@@ -312,7 +312,7 @@ contains
     end if
   end subroutine read_kernels_of
 
-  !> g(d) of a direction: a polynomial, or another law, whole.
+  !> g(d) of a direction: a polynomial, or another law, whole, as one that is not 0 at d = 0.
   subroutine read_law(reader, key, exact, spring)
     type(group_reader), intent(inout) :: reader
     character(len=*), intent(in) :: key
@@ -324,13 +324,16 @@ contains
     type(terms_type) :: terms
     type(law_term) :: law
     integer :: effort, i, power
+    logical :: preloads
 
     allocate (spring%coefficient(0), spring%laws(0))
     text = reader%read_text(key, '0')
     if (reader%status%failed()) return
     effort = 100000
     call expand(text, ['d'], terms, fault, effort)
-    if (fault /= '') then
+    preloads = .false.
+    if (fault == '') preloads = any(terms%powers(1, :) == 0 .and. abs(terms%coefficients) > 0.0_wp)
+    if (fault /= '' .or. preloads) then
       call compile_law(lower(text), ['d', 'v'], none, no_values, law%program, law%parity, &
                        law%degree, other)
       if (other /= '') then
@@ -345,8 +348,8 @@ contains
         return
       end if
       call law%program%differentiate(reshape([0.0_wp, 0.0_wp], [1, 2]), value, slopes)
-      if (abs(value(1)) > 0.0_wp) then
-        call complain_of_law(reader, key, text, 'is '//show(value(1))//' at d = 0, must be 0')
+      if (abs(value(1)) >= wall) then
+        call complain_of_law(reader, key, text, 'must have a value at d = 0')
         return
       end if
       if (any(abs(slopes) >= wall)) then

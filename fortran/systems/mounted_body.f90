@@ -2,26 +2,26 @@
 !! systems made of it about that position.
 !!
 !! Small rotations make a polynomial system, d_j = e_j . u with rows e_j; finite ones a body that
-!! turns (`viscovib_turning_body`). The weight W rests where
+!! turns (`viscovib_turning_body`). The weight W and preloads g_j(0) rest where
 !!
 !!   sum_j dd_j/dq (1 - I_j) [k_j d_j + g_j(d_j)] = W,
 !!
 !! I_j the integral of the kernel: all relaxation is over.
 module viscovib_mounted_body
   use viscovib_kinds, only: wp
-  use viscovib_law_program, only: add, put_argument, put_number, subtract
-  use viscovib_law_term, only: about_rest, law_term
+  use viscovib_law_term, only: law_term
   use viscovib_kernel_holder, only: kernel_holder
-  use viscovib_polynomial, only: max_degree, new_polynomial, polynomial_parameters, polynomial_type
+  use viscovib_polynomial, only: new_polynomial, polynomial_parameters, polynomial_type
   use viscovib_rotation, only: cross, new_rotation, rotation_type
   use viscovib_status, only: fail, set_ok, show, status_input_error, status_type
+  use viscovib_spring_about, only: force_of, spring_about
   use viscovib_spring_products, only: add_products
   use viscovib_symmetric_modes, only: find_symmetric_modes
   use viscovib_turning_body, only: body_spring, new_turning_body, row_of, turning_body
   implicit none
   private
 
-  public :: build_small, build_turning, mounted_body, rest_type, spring_about
+  public :: build_small, build_turning, mounted_body, rest_type
 
   !> Springs are as they are written down: laws are whole, of d and its rate.
   type :: mounted_body
@@ -52,8 +52,8 @@ module viscovib_mounted_body
     procedure :: axes
   end type rest_type
 
-  !> Newton's method ends where a step is this part of the displacement; what may be left of the
-  !! weight; the least part of the weight that is put on at once; what is no stiffness.
+  !> Newton's method ends where a step is this part of the displacement; what may be left of weight
+  !! and preloads; the least part of these that is put on at once; what is no stiffness.
   real(wp), parameter :: settled = 1.0e-15_wp, accurate = 1.0e-9_wp, least_part = 1.0e-4_wp, &
                          no_stiffness = 1.0e-12_wp
   integer, parameter :: max_steps = 30
@@ -94,31 +94,45 @@ contains
     masses(4:6, 4:6) = self%inertia
   end function masses
 
-  !> Where the body rests, the weight put on little by little; at 0 without weight.
+  !> Where the body rests, weight and preloads put on little by little; at 0 without any.
   subroutine find_rest(self, kernels, rest, status)
     class(mounted_body), intent(in) :: self
     type(kernel_holder), intent(in) :: kernels(:)
     type(rest_type), intent(out) :: rest
     type(status_type), intent(out) :: status
-    real(wp) :: kept(size(self%springs)), weight(self%n_dof()), q(self%n_dof()), done, part, step
+    real(wp), dimension(size(self%springs)) :: kept, preload
+    real(wp), dimension(self%n_dof()) :: weight, pushed, q
+    real(wp) :: done, part, step, size_of
     logical :: found
+    integer :: j
 
     call set_ok(status)
     allocate (rest%q(self%n_dof()), rest%d(size(self%springs)), rest%carried(size(self%springs)))
     rest%q = 0.0_wp
     rest%d = 0.0_wp
     rest%carried = 0.0_wp
-    if (.not. any(abs(self%gravity) > 0.0_wp)) return
+    do j = 1, size(preload)
+      call force_of(self%springs(j), 0.0_wp, preload(j), step)
+    end do
+    if (.not. (any(abs(self%gravity) > 0.0_wp) .or. any(abs(preload) > 0.0_wp))) return
     call find_kept(self%springs, kernels, kept, status)
     if (status%failed()) return
     weight = 0.0_wp
     weight(:3) = self%mass*self%gravity
+    preload = kept*preload
+    pushed = 0.0_wp
+    do j = 1, size(preload)
+      pushed = pushed + row_of(self%springs(j), size(pushed))*preload(j)
+    end do
+    size_of = max(maxval(abs(weight)), maxval(abs(pushed)))
+    if (.not. size_of > 0.0_wp) size_of = 1.0_wp
     done = 0.0_wp
     step = 1.0_wp
     do while (done < 1.0_wp)
       part = min(done + step, 1.0_wp)
       q = rest%q
-      call self%settle(kept, part*weight, q, rest%d, rest%carried, found, status)
+      call self%settle(kept, part*weight, (1.0_wp - part)*preload, size_of, q, rest%d, &
+                       rest%carried, found, status)
       if (status%failed()) return
       if (found) then
         rest%q = q
@@ -128,7 +142,9 @@ contains
       step = step/2.0_wp
       if (step >= least_part) cycle
       call fail(status, status_input_error, 'gravity', 'gravity: the mounts give way under ' &
-                //show(100.0_wp*done)//' % of the weight, no position at rest is known beyond')
+                //show(100.0_wp*done)//' % of the weight' &
+                //trim(merge(' and of preloads', '                ', any(abs(preload) > 0.0_wp))) &
+                //', no position at rest is known beyond')
       return
     end do
   end subroutine find_rest
@@ -161,9 +177,11 @@ contains
 
   !> Newton's method from a position near by. `found` is false where it leads nowhere, or to a
   !! position that is not held.
-  subroutine settle(self, kept, weight, q, d, carried, found, status)
+  subroutine settle(self, kept, weight, waiting, size_of, q, d, carried, found, status)
     class(mounted_body), intent(in) :: self
     real(wp), intent(in) :: kept(:), weight(:)
+    !> Of the force of each spring, what is not put on yet; the size of all that is.
+    real(wp), intent(in) :: waiting(:), size_of
     real(wp), intent(inout) :: q(:)
     real(wp), intent(out) :: d(:), carried(:)
     logical, intent(out) :: found
@@ -175,7 +193,7 @@ contains
     call set_ok(status)
     mass = self%masses()
     do turn = 1, max_steps
-      call self%balance(kept, weight, q, d, carried, left, tangent)
+      call self%balance(kept, weight, waiting, q, d, carried, left, tangent)
       found = all(abs(tangent) < huge(1.0_wp)) .and. all(abs(left) < huge(1.0_wp))
       if (.not. found) return
       call find_symmetric_modes(mass, tangent, squares, shapes)
@@ -192,23 +210,23 @@ contains
       if (.not. found) return
       if (maxval(abs(step)) <= settled*maxval(abs(q))) exit
     end do
-    call self%balance(kept, weight, q, d, carried, left, tangent)
+    call self%balance(kept, weight, waiting, q, d, carried, left, tangent)
     call find_symmetric_modes(mass, tangent, squares, shapes)
     push = matmul(left, shapes)
     where (abs(squares) > no_stiffness*maxval(abs(squares))) push = 0.0_wp
-    if (maxval(abs(matmul(mass, matmul(shapes, push)))) > 1.0e-6_wp*maxval(abs(weight))) then
+    if (maxval(abs(matmul(mass, matmul(shapes, push)))) > 1.0e-6_wp*size_of) then
       call fail(status, status_input_error, 'gravity', 'gravity: nothing carries the weight in a ' &
                 //'direction left free by mounts')
       return
     end if
     found = squares(1) >= -no_stiffness*maxval(abs(squares)) &
-            .and. maxval(abs(left)) < accurate*maxval(abs(weight))
+            .and. maxval(abs(left)) < accurate*size_of
   end subroutine settle
 
   !> What is left of the weight at q, and how that changes.
-  subroutine balance(self, kept, weight, q, d, carried, left, tangent)
+  subroutine balance(self, kept, weight, waiting, q, d, carried, left, tangent)
     class(mounted_body), intent(in) :: self
-    real(wp), intent(in) :: kept(:), weight(:), q(:)
+    real(wp), intent(in) :: kept(:), weight(:), waiting(:), q(:)
     real(wp), intent(out) :: d(:), carried(:), left(:), tangent(:, :)
     real(wp) :: row(size(q)), slope
     integer :: b, j
@@ -218,7 +236,7 @@ contains
     do j = 1, size(self%springs)
       call place(self%springs(j), self%exact, q, d(j), row)
       call force_of(self%springs(j), d(j), carried(j), slope)
-      carried(j) = kept(j)*carried(j)
+      carried(j) = kept(j)*carried(j) - waiting(j)
       left = left - row*carried(j)
       do b = 1, size(q)
         tangent(:, b) = tangent(:, b) + (kept(j)*slope*row(b))*row
@@ -270,90 +288,6 @@ contains
       bend(:, b) = aimag(slope_by_turning(spring, new_rotation(along)))/tiny_step
     end do
   end function bend_of
-
-  !> k d + g(d) without memory, and its slope.
-  subroutine force_of(spring, d, force, slope)
-    type(body_spring), intent(in) :: spring
-    real(wp), intent(in) :: d
-    real(wp), intent(out) :: force, slope
-    real(wp) :: value(1), by(1, 2)
-    integer :: i, power
-
-    force = spring%stiffness*d
-    slope = spring%stiffness
-    do power = 2, size(spring%coefficient) + 1
-      associate (c => spring%coefficient(power - 1))
-        force = force + c*d**power
-        slope = slope + power*c*d**(power - 1)
-      end associate
-    end do
-    do i = 1, size(spring%laws)
-      call spring%laws(i)%program%differentiate(reshape([d, 0.0_wp], [1, 2]), value, by)
-      force = force + value(1)
-      slope = slope + by(1, 1)
-    end do
-  end subroutine force_of
-
-  !> The spring as seen from a deflection: what its force differs by, linear part and rest.
-  function spring_about(spring, at) result(seen)
-    type(body_spring), intent(in) :: spring
-    real(wp), intent(in) :: at
-    type(body_spring) :: seen
-    real(wp) :: force, slope, slopes(2), ways, series(2:max_degree)
-    logical :: defined
-    integer :: i, p, power
-
-    seen = spring
-    call force_of(spring, at, force, slope)
-    series = 0.0_wp
-    do power = 2, size(spring%coefficient) + 1
-      associate (c => spring%coefficient(power - 1))
-        ways = power
-        seen%stiffness = seen%stiffness + ways*c*at**(power - 1)
-        do p = 2, power
-          ways = ways*(power - p + 1)/p
-          series(p) = series(p) + ways*c*at**(power - p)
-        end do
-      end associate
-    end do
-    seen%coefficient = series(:size(spring%coefficient) + 1)
-    do i = 1, size(seen%laws)
-      associate (law => seen%laws(i))
-        call shift(law, at)
-        law%kernel = spring%kernel
-        call about_rest(law, slopes, defined)
-        law%arguments = reshape([1.0_wp, 0.0_wp], [2, 1])
-        law%rates = reshape([0.0_wp, 1.0_wp], [2, 1])
-        seen%stiffness = seen%stiffness + slopes(1)
-        seen%damping = seen%damping + slopes(2)
-      end associate
-    end do
-  end function spring_about
-
-  !> f(at + d) - f(at).
-  subroutine shift(law, at)
-    type(law_term), intent(inout) :: law
-    real(wp), intent(in) :: at
-    integer, allocatable :: code(:)
-    real(wp), allocatable :: number(:)
-    real(wp) :: value(1), by(1, 2)
-    integer :: i
-
-    if (.not. abs(at) > 0.0_wp) return
-    call law%program%differentiate(reshape([at, 0.0_wp], [1, 2]), value, by)
-    allocate (code(0), number(0))
-    do i = 1, size(law%program%code)
-      code = [code, law%program%code(i)]
-      number = [number, law%program%number(i)]
-      if (law%program%code(i) /= put_argument .or. nint(law%program%number(i)) /= 1) cycle
-      code = [code, put_number, add]
-      number = [number, at, 0.0_wp]
-    end do
-    law%program%code = [code, put_number, subtract]
-    law%program%number = [number, value(1), 0.0_wp]
-    call law%program%measure()
-    law%parity = 0
-  end subroutine shift
 
   !> Small rotations about the position at rest: springs by kernel, the first without memory, which
   !! the stiffness that the preload gives joins.

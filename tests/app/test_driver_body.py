@@ -329,9 +329,9 @@ WANTED = "&modes /\n"
             "position has 2 values: must be 3",
         ),
         (
-            f"&body {MASSES} / &mount_point name='a' position=0 0 0 stiffness=1 1 1 law_x='1 + d' /"
-            + WANTED,
-            "has the power 0",
+            f"&body {MASSES} / &mount_point name='a' position=0 0 0 stiffness=1 1 1 "
+            "law_x='log(d)' /" + WANTED,
+            "must have a value at d = 0",
         ),
         (
             f"&body {MASSES} / &mount_point name='a' position=0 0 0 stiffness=1 1 1 "

@@ -246,3 +246,22 @@ def test_every_wrong_sweep_is_a_line(solve, tmp_path, group, message):
     assert len(done.stderr.splitlines()) == 1
     assert done.stderr.startswith(f"viscovib-solve: {scene}:5: ")
     assert message in done.stderr
+
+
+def test_a_response_says_why_it_has_no_solution(solve, tmp_path):
+    """How the search ended and where; where harmonics lack most."""
+    scene = tmp_path / "scene.nml"
+    text = (
+        "&system coordinates='x' mass=1 stiffness=1 damping=0.1 /\n"
+        "&force on='x' law='0.5*sign(x_dot)' /\n&load on='x' amplitude=0.4 /\n"
+        "&response nu=0.5 0.6 0.9 method='newton' /\n"
+    )
+    scene.write_text(text)
+    done = solve(scene, "--out", tmp_path)
+    assert done.returncode == 1
+    told = "0 of 3 frequencies solved; no solution (3 stalled) at nu = 0.5 to 0.9, nan there"
+    assert told in done.stdout
+    text = text.replace("0.5*sign(x_dot)", "0.5*x^3").replace("nu=", "harmonics=3 nu=")
+    scene.write_text(text)
+    done = solve(scene, "--out", tmp_path)
+    assert "3 of them with too few harmonics (worst at nu = 0.5, where those up to 3" in done.stdout

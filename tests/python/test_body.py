@@ -1,13 +1,16 @@
 """A rigid body in space on its mounts."""
 
+import dataclasses
 import json
 import math
 from pathlib import Path
 
 import numpy as np
 import pytest
+import scipy.integrate
 import scipy.linalg
 import viscovib as vv
+from scipy.spatial.transform import Rotation
 from viscovib.units import degree, hz, mm, newton_per_mm
 
 DATA = json.loads((Path(__file__).parents[2] / "data" / "engine_on_mounts.json").read_text())
@@ -319,7 +322,8 @@ GOOD = {"name": "m", "position": (0.1, 0, 0), "stiffness": (1e5, 1e5, 1e5)}
         ({"axes": np.diag([1, 1, -1])}, "m: axes: must be a rotation"),
         ({"angles": (0, 0, math.nan)}, "m: angles"),
         ({"kernel": "rubber"}, "m: kernel = 'rubber': must be a Kernel, None or three"),
-        ({"law": "d^3 + 1"}, r"m: law\[0\]: has the constant 1"),
+        ({"law": "d^3 + q"}, r"m: law\[0\] = 'd\^3 \+ q': 'q' is neither"),
+        ({"law": "q*d^3", "parameters": {"q": "soft"}}, r"parameters\['q'\] = 'soft'"),
         ({"law": "x^3"}, r"m: law\[0\].*unknown|x"),
         ({"track": 3}, "m: track = 3: must be a FluidTrack"),
     ],
@@ -464,8 +468,80 @@ def test_snubbers():
     np.testing.assert_allclose(told, elastic + damped, atol=1e-6 * np.abs(told).max())
     left = -((found.harmonics * nu) ** 2) * 50 * found.coefficients[0, 2] + told
     np.testing.assert_allclose(left, 60.0 * (found.harmonics == 1), atol=1e-6)
-    with pytest.raises(vv.InputError, match="is 1 at d = 0, must be 0"):
-        vv.MountPoint(name="foot", **common, law="cos(d)")
+
+
+def test_preloads(tmp_path):
+    """Laws that are not 0 at d = 0: from rest, against SciPy's integration from where they lie."""
+    rng = np.random.default_rng(2)
+    numbers = {"a": -20.0, "b": 150.0, "e6": 0.01}
+    laws = {
+        "a + b*d + 1e4*d^3": lambda d, v: -20 + 150 * d + 1e4 * d**3,
+        "a*exp(-d) + 1e3*max(d - e6, 0)": lambda d, v: -20 * np.exp(-d) + 1e3 * max(d - 0.01, 0),
+        "a*cos(d) + 0.5*v": lambda d, v: -20 * np.cos(d) + 0.5 * v,
+    }
+    mounts = [
+        vv.MountPoint(
+            name=f"m{i}", position=(0, 0, 0), stiffness=rng.uniform(500, 2000, 3), damping=3.0,
+            angles=rng.uniform(-1, 1, 3), law=rng.permutation(list(laws)).tolist(),
+            parameters=numbers, rotational_stiffness=(10, 20, 30),
+        )
+        for i in range(2)
+    ]  # fmt: skip
+    for gravity in (None, 9.81):
+        body = vv.Body(mass=2, inertia=(1, 1, 1), mounts=mounts, gravity=gravity)
+        rest = body.sag().displacement[:3]
+
+        def rates(t, y, gravity=gravity):
+            force = np.array([10.0, 0, 20]) * np.sin(3 * t) - [0, 0, 2 * (gravity or 0)]
+            for mount in mounts:
+                d, v = mount.rotation.T @ y[:3], mount.rotation.T @ y[3:]
+                own = [laws[text](x, w) for text, x, w in zip(mount.law, d, v, strict=True)]
+                force = force - mount.rotation @ (mount.stiffness * d + 3 * v + own)
+            return np.r_[y[3:], force / 2]
+
+        start = np.r_[rest, 0, 0, 0]
+        assert np.abs(rates(0.0, start)).max() < 1e-11
+        told = scipy.integrate.solve_ivp(rates, (0, 2), start, "DOP853", rtol=1e-12, atol=1e-14)
+        run = vv.simulate(body, 2, load=body.load((10, 0, 20)), nu=3, tolerance=1e-10)
+        np.testing.assert_allclose(run.state[-1, 0:6:2] + rest, told.y[:3, -1], atol=1e-11)
+
+
+@pytest.mark.parametrize("geometry", ["small", "exact"])
+def test_preloads_of_scenes(tmp_path, geometry):
+    """The driver's modes about the same rest, and forces that balance there."""
+    mounts = "".join(
+        f"&mount_point name = 'm{i}', position = {p}, stiffness = 2e3 3e3 4e3, angles = 0.1 {i} 0,"
+        " law_x = 'a + 1e4*d^3', law_z = 'a*exp(-d) + 1e5*d^2' /\n"
+        for i, p in enumerate(["0.3 0 0.1", "-0.2 0.2 0", "-0.1 -0.3 -0.1"])
+    )
+    path = tmp_path / "scene.nml"
+    path.write_text(
+        f"&body mass = 2, inertia = 0.1 0.12 0.15, geometry = '{geometry}' /\n"
+        + mounts + "&parameters a = 25 /\n&modes /\n"
+    )  # fmt: skip
+    scene = vv.Scene.read(path)
+    body = scene.body()
+    vv.run(scene).to_csv(tmp_path / "modes.csv")
+    rows = [row for row in (tmp_path / "modes.csv").read_text().splitlines() if row[0].isdigit()]
+    omega = [float(row.split(",")[1]) for row in rows]
+    np.testing.assert_allclose(omega, body.modes().omega, rtol=1e-12)
+    sag = body.sag()
+    assert np.abs(sag.displacement).max() > 1e-3
+    turn = np.eye(3)
+    if geometry == "exact":
+        turn = Rotation.from_rotvec(sag.displacement[3:6]).as_matrix()
+    push = [mount.rotation @ f for mount, f in zip(body.mounts, sag.forces, strict=True)]
+    arms = [turn @ np.asarray(mount.position) for mount in body.mounts]
+    np.testing.assert_allclose(np.sum(push, axis=0), 0, atol=1e-8)
+    np.testing.assert_allclose(np.sum(np.cross(arms, push), axis=0), 0, atol=1e-8)
+
+
+def test_a_mount_made_anew_is_the_same():
+    """What its law adds to its stiffness is not added once more."""
+    mount = vv.MountPoint(name="m", position=(0, 0, 0), stiffness=(1, 2, 3), law="5*d + d^3")
+    other = dataclasses.replace(mount, damping=1.0)
+    np.testing.assert_array_equal(other.static_stiffness, [6, 7, 8])
+    np.testing.assert_array_equal(other.static_stiffness, mount.static_stiffness)
 
 
 def test_random_floor_and_engine_orders():

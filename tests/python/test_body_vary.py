@@ -86,6 +86,39 @@ def balance(body, load, orders, start):
 
 
 @pytest.mark.parametrize(
+    ("key", "ends"),
+    [("k3", (1e6, 2e7)), ("k", (1e4, 5e4)), ("F", (1, 5)), ("w", (0.01, 0.02))],
+)
+def test_parameters_of_laws(key, ends):
+    """Points are motions of bodies with that number in the laws of one mount."""
+    numbers = {"k3": 1e7, "k": 3e4, "F": 3.0, "w": 0.01}
+
+    def body(**changed):
+        laws = ("k3*d^3", None, "k*d + F*tanh(v/w)")
+        mounts = [
+            vv.MountPoint(
+                name=name, position=p, stiffness=(1e4, 1.2e4, 2e4), damping=20.0, law=laws,
+                parameters=numbers | (changed if name == "b" else {}),
+            )
+            for name, p in {"a": (0.3, 0, -0.1), "b": (-0.2, 0.2, -0.1), "c": (0, -0.3, 0)}.items()
+        ]  # fmt: skip
+        return vv.Body(mass=20, inertia=(0.5, 0.6, 0.7), mounts=mounts)
+
+    one = body()
+    load = one.load((3, 0, 8))
+    branch = vv.trace_response(
+        one, nu=50.0, vary=f"mounts[b].{key}", vary_range=ends, load=load, tolerance=1e-8
+    )
+    assert branch.outcome == "completed"
+    for i in (0, -1):
+        other = body(**{key: float(branch.parameter[i])})
+        found = vv.forced_response(other, [50.0], load=load, method="newton", tolerance=1e-8)
+        at, n = branch.coefficients[i], min(branch.harmonics.size, found.harmonics.size)
+        near = 2e-8 * np.abs(at).max()
+        np.testing.assert_allclose(found.coefficients[0, :, :n], at[:, :n], atol=near)
+
+
+@pytest.mark.parametrize(
     ("name", "told"),
     [
         ("mounts[m9].stiffness[z]", "m9"),

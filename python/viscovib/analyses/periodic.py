@@ -138,8 +138,9 @@ def trace_response(
         "elements[0].k3" (k3 a parameter of its law), "elements[0].limit", ".gap" and other numbers
         of `Jenkins`, `BoucWen`, `Dahl`, `Gap` and `Stop`, or "memory_scale"; modal damping stays.
         Of a `Body` "mass", "inertia_scale", "center[x]", "mounts[front].stiffness[z]" (its local
-        z), "mounts[front].damping[z]", "mounts[front].position[x]", or a factor of all three,
-        "mounts[front].stiffness_scale"; and what a `PolynomialSystem` has.
+        z), "mounts[front].damping[z]", "mounts[front].position[x]", a factor of all three,
+        "mounts[front].stiffness_scale", or "mounts[front].k3" (k3 a parameter of its laws); and
+        what a `PolynomialSystem` has.
     p1, p2, p3, f0, m01, m02 : (float, float)
         Of a pendulum: one of its own frequencies or amplitudes of loads.
     at : array_like

@@ -80,7 +80,7 @@ class Body(LinearBody):
         Acceleration (m/s^2), a number along -z. The body then sags: mounts carry
         k_j (1 - integral of R_j) in the end, coordinates count from the loaded position, laws
         are those about it, and the preload adds its geometric stiffness, which remembers nothing.
-        None: no gravity, mounts without preload.
+        None: no gravity. Preloads of the mounts' laws move it in the same way.
     geometry : str, optional
         "small": rotations are small, the mounts are nonlinear. "exact": rotations are finite, and
         rx, ry, rz are the rotation vector, the angle (below 2 pi) times the unit vector of the axis
@@ -155,9 +155,10 @@ class Body(LinearBody):
         n = matrix.shape[0]
         preload = np.zeros((n, n))
         sag = None
-        if self.gravity is not None:
+        if self.gravity is not None or any(mount._preloads for mount in self.mounts):
             weight = np.zeros(n)
-            weight[:3] = self.body_mass * self.gravity
+            if self.gravity is not None:
+                weight[:3] = self.body_mass * self.gravity
             sag = find_sag(springs, weight, turns=self._turns)
             springs = springs.about(sag._deflection)
             if self._turns:
@@ -301,12 +302,12 @@ class Body(LinearBody):
         return "\n".join(lines) + ">"
 
     def sag(self) -> Sag:
-        """Where the body rests under gravity, and what each mount carries.
+        """Where the body rests under gravity and preloads, and what each mount carries.
 
         Raises
         ------
         InputError
-            If the body was made without ``gravity``.
+            If the body was made without ``gravity``, and no law is a preload.
         """
         if self._sag is None:
             raise InputError("gravity: is None, the body has no weight: give gravity=9.81")

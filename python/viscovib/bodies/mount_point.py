@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, field
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -13,7 +13,7 @@ from viscovib import _native
 from viscovib._native import ComplexArray, FloatArray
 from viscovib.errors import InputError
 from viscovib.kernels.relaxation import Kernel
-from viscovib.systems.laws import Law, read_law
+from viscovib.systems.laws import Law, named_in, parameter_values, read_law, with_numbers
 
 #: How far axes may be from a rotation.
 _ROTATION = 1e-9
@@ -97,7 +97,10 @@ class MountPoint:
     law : str or sequence of 3 str or None, optional
         Nonlinear forces g_j(d): polynomials such as ``"1e10*d^3"``, whose linear term adds to k_j,
         or with functions and the rate v as of `Spring`, such as a snubber
-        ``"1e6*max(d - 0.004, 0)"``.
+        ``"1e6*max(d - 0.004, 0)"``. What is not 0 at d = 0 is a preload: the body then stands where
+        all of them balance, as under its weight.
+    parameters : mapping of str to float, optional
+        Numbers that the laws name; along branches ``vary="mounts[left].k3"``.
     rotational_stiffness : array_like, shape (3,), optional
         About the local axes (N m/rad), on the rotation of the body, with the same memory.
     track : FluidTrack, optional
@@ -124,6 +127,7 @@ class MountPoint:
     damping: npt.ArrayLike = 0.0
     kernel: Kernel | Sequence[Kernel | None] | None = None
     law: str | Sequence[str | None] | None = None
+    parameters: Mapping[str, float] | None = None
     rotational_stiffness: npt.ArrayLike = (0.0, 0.0, 0.0)
     track: FluidTrack | None = None
 
@@ -131,6 +135,8 @@ class MountPoint:
     rotation: FloatArray = field(init=False, repr=False)
     #: Of each local direction.
     kernels: tuple[Kernel | None, ...] = field(init=False, repr=False)
+    #: k_j and the linear terms of laws, shape (3,).
+    _elastic: FloatArray = field(init=False, repr=False)
     #: Of each local direction: coefficients of d^2, d^3, ... by their powers, or another law.
     laws: tuple[dict[int, float] | Law, ...] = field(init=False, repr=False)
 
@@ -144,6 +150,7 @@ class MountPoint:
         self._set("position", self._vector("position", self.position))
         self._set("rotation", self._rotation())
         stiffness = self._vector("stiffness", self.stiffness, positive=True)
+        self._set("stiffness", stiffness)
         damping = _native.real_array("damping", self.damping)
         if damping.ndim == 0:
             damping = np.full(3, float(damping))
@@ -151,27 +158,44 @@ class MountPoint:
         turning = self._vector("rotational_stiffness", self.rotational_stiffness, positive=True)
         self._set("rotational_stiffness", turning)
         self._set("kernels", self._each("kernel", self.kernel, Kernel))
+        values = parameter_values(self.parameters, ("d", "v"))
         laws: list[dict[int, float] | Law] = []
+        elastic = stiffness.copy()
         for j, text in enumerate(self._each("law", self.law, str)):
-            where = f"{self.name}: law[{j}]"
-            terms = {} if text is None else read_law(where, text, ("d",), {}, ("v",), named=False)
-            if isinstance(terms, Law):
-                at_rest = float(terms(np.zeros((1, 2)))[0][0])
-                if at_rest != 0:
-                    raise InputError(f"{where} = {text!r}: is {at_rest:g} at d = 0, must be 0")
-                laws.append(terms)
-                continue
-            if terms.get((0,)):
-                raise InputError(f"{where}: has the constant {terms[0,]:g}, must be 0 at d = 0")
-            stiffness[j] += terms.get((1,), 0.0)
-            laws.append({p: c for (p,), c in terms.items() if p > 1})
+            law, linear = self._law(j, text, values)
+            elastic[j] += linear
+            laws.append(law)
         self._set("laws", tuple(laws))
         stiffness.setflags(write=False)
-        self._set("stiffness", stiffness)
+        self._set("_elastic", elastic)
         if self.track is not None:
             _native.check_instance(f"{self.name}: track", self.track, FluidTrack)
-        if not (stiffness.any() or any(laws) or turning.any() or self.track):
+        if not (elastic.any() or any(laws) or turning.any() or self.track):
             raise InputError(f"{self.name}: stiffness = 0 0 0: must not be 0 in every direction")
+
+    def _law(
+        self, j: int, text: str | None, values: dict[str, float]
+    ) -> tuple[dict[int, float] | Law, float]:
+        """What a law is without its linear term, if it is a polynomial, and that term."""
+        if text is None:
+            return {}, 0.0
+        where = f"{self.name}: law[{j}]"
+        terms = read_law(where, text, ("d",), values, ("v",), preloaded=True)
+        if isinstance(terms, Law):
+            # It is read again about other places and in other coordinates.
+            return replace(terms, text=with_numbers(text, values)), 0.0
+        return {p: c for (p,), c in terms.items() if p > 1}, terms.get((1,), 0.0)
+
+    @property
+    def _preloads(self) -> bool:
+        """Whether a law is not 0 where the mount is not deflected."""
+        laws = [law for law in self.laws if isinstance(law, Law)]
+        return any(float(law(np.zeros((1, 2)))[0][0]) != 0 for law in laws)
+
+    @property
+    def _named_parameters(self) -> tuple[str, ...]:
+        """Those of its parameters that stand in its laws."""
+        return named_in(self.parameters or (), self.law)
 
     def dynamic_stiffness(self, nu: npt.ArrayLike) -> ComplexArray:
         """Linear stiffness along the local axes, shape nu.shape + (3,) (N/m).
@@ -201,7 +225,7 @@ class MountPoint:
         slopes = [
             float(law.slopes_at_rest[0]) if isinstance(law, Law) else 0.0 for law in self.laws
         ]
-        return np.asarray(np.asarray(self.stiffness) + np.array(slopes))
+        return np.asarray(self._elastic + np.array(slopes))
 
     def _set(self, name: str, value: object) -> None:
         object.__setattr__(self, name, value)

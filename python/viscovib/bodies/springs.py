@@ -48,6 +48,12 @@ class MountSprings:
         """C, shape (n_dof, n_dof)."""
         return np.asarray((self.rows.T * self.damping) @ self.rows + self.damping_of_tracks)
 
+    @property
+    def at_rest(self) -> FloatArray:
+        """Forces of laws where nothing is deflected, without their memory, shape (n_springs,)."""
+        laws = [law(np.zeros((1, 2)))[0][0] if isinstance(law, Law) else 0.0 for law in self.laws]
+        return np.array(laws, dtype=float)
+
     def about(self, deflections: FloatArray) -> MountSprings:
         """Return the same springs about deflected positions: k d + g(d) as a series there."""
         stiffness = self.stiffness.copy()
@@ -85,7 +91,7 @@ def mount_springs(mounts: Sequence[MountPoint], center: FloatArray) -> MountSpri
         for j in range(3):
             arms.append(arm)
             rows.append(np.concatenate([local[j], np.zeros(n - 6)]))
-            stiffness.append(float(np.asarray(mount.stiffness)[j]))
+            stiffness.append(float(mount._elastic[j]))
             damping.append(float(np.asarray(mount.damping)[j]))
             kernels.append(mount.kernels[j])
             laws.append(mount.laws[j])

@@ -1,4 +1,4 @@
-"""Where a body rests under its weight, and what its mounts then carry."""
+"""Where a body rests under its weight and preloads, and what its mounts then carry."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ _Place = Callable[[MountSprings, FloatArray], tuple[FloatArray, FloatArray, Any]
 
 _MAX_STEPS = 30
 #: Newton's method ends where a step is this part of the displacement, and has found a position if
-#: it leaves that part of the weight.
+#: it leaves that part of the weight and of preloads.
 _SETTLED, _ACCURATE = 1e-15, 1e-9
-#: The least part of the weight that is put on at once.
+#: The least part of these that is put on at once.
 _SMALLEST_PART = 1e-4
 
 
@@ -33,13 +33,13 @@ class Sag(Value):
     Attributes
     ----------
     displacement : ndarray, shape (n,)
-        x, y, z (m) and rx, ry, rz (rad) from the position without weight.
+        x, y, z (m) and rx, ry, rz (rad) from the position without weight and preload.
     deflections : ndarray, shape (n_mounts, 3)
         Of each mount along its local axes (m).
     forces : ndarray, shape (n_mounts, 3)
         Of each mount on the body along its local axes (N).
     residual : float
-        What is left of the weight, relative to it.
+        What is left of weight and preloads, relative to them.
 
     Examples
     --------
@@ -65,22 +65,24 @@ class Sag(Value):
 def find_sag(springs: MountSprings, weight: FloatArray, *, turns: bool = False) -> Sag:
     """Solve sum_j dd_j/dq (1 - I_j) [k_j d_j + g_j(d_j)] = weight, I_j the integral of R_j.
 
-    The weight is put on little by little, Newton's method at each part, so that what is found is
-    where the body comes to rest and not another solution of the equations. ``turns``: by as much
-    as it does, else by little.
+    Weight and preloads g_j(0) are put on little by little, Newton's method at each part, so that
+    what is found is where the body comes to rest and not another solution of the equations.
+    ``turns``: by as much as it does, else by little.
     """
     kept = np.array([1.0 - _integral(kernel) for kernel in springs.kernels])
+    preload = kept * springs.at_rest
     q = np.zeros(springs.rows.shape[1])
     place = place_along if turns else _place_nearby
     done, step = 0.0, 1.0
     while done < 1.0:
         part = min(done + step, 1.0)
-        settled, residual = _settle(springs, kept, part * weight, q, place)
+        settled, residual = _settle(springs, kept, part * weight, (1.0 - part) * preload, q, place)
         if settled is None:
             step /= 2
             if step < _SMALLEST_PART:
+                loads = "the weight" + " and of preloads" * bool(preload.any())
                 raise InputError(
-                    f"gravity: the mounts give way under {100 * done:.4g} % of the weight, no "
+                    f"gravity: the mounts give way under {100 * done:.4g} % of {loads}, no "
                     "position at rest is known beyond"
                 )
             continue
@@ -114,10 +116,19 @@ def _forces(springs: MountSprings, d: FloatArray) -> tuple[FloatArray, FloatArra
 
 @np.errstate(over="ignore", invalid="ignore")
 def _settle(
-    springs: MountSprings, kept: FloatArray, weight: FloatArray, q: FloatArray, place: _Place
+    springs: MountSprings,
+    kept: FloatArray,
+    weight: FloatArray,
+    waiting: FloatArray,
+    q: FloatArray,
+    place: _Place,
 ) -> tuple[FloatArray | None, float]:
-    """Position under a weight from one near it, and what is left; none if it is not held there."""
-    size = float(np.abs(weight).max()) or 1.0
+    """Position under a weight from one near it, and what is left; none if it is not held there.
+
+    ``waiting``: of the force of each spring, what is not put on yet.
+    """
+    pushed = springs.rows.T @ (kept * springs.at_rest)
+    size = max(float(np.abs(weight).max()), float(np.abs(pushed).max())) or 1.0
 
     def balance(q: FloatArray) -> tuple[FloatArray, FloatArray]:
         d, slopes, bends = place(springs, q)
@@ -125,7 +136,8 @@ def _settle(
         tangent = (slopes.T * (kept * slope)) @ slopes
         if not (np.isfinite(force).all() and np.isfinite(tangent).all()):
             return np.full(q.size, np.inf), tangent
-        return weight - slopes.T @ (kept * force), tangent + bends(kept * force)
+        carried = kept * force - waiting
+        return weight - slopes.T @ carried, tangent + bends(carried)
 
     for _ in range(_MAX_STEPS):
         left, tangent = balance(q)

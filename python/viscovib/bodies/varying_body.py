@@ -6,6 +6,7 @@ import re
 import warnings
 from collections.abc import Callable
 from copy import copy
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -26,7 +27,7 @@ _OF_MOUNTS = ("stiffness", "damping", "position")
 
 
 def varied_body(body: Body, name: object, start: float, finish: float) -> Varied:
-    """Which numbers ``mass``, ``inertia_scale``, ``mounts[front].stiffness[z]`` ... mean.
+    """Which numbers ``mass``, ``mounts[front].stiffness[z]``, ``mounts[front].k3`` ... mean.
 
     The body is made anew at some p, and its numbers are polynomials in p through these: of
     degree 1 for masses and stiffnesses, of degree q + 1 for the position of a mount with a law of
@@ -43,7 +44,18 @@ def varied_body(body: Body, name: object, start: float, finish: float) -> Varied
 
     for end in (start, finish):
         numbers(end)
-    return _polynomial(str(name), numbers, start, finish)
+    try:
+        return _polynomial(str(name), numbers, start, finish)
+    except InputError as error:
+
+        def with_slopes(p: float) -> FloatArray:
+            # Stiffness and damping at rest, as F/w of F tanh(v/w), grow by no powers of w.
+            return np.asarray(rebuilt(body, **changed(p))._with_slopes_of(body)._vector)
+
+        try:
+            return _polynomial(str(name), with_slopes, start, finish)
+        except InputError:
+            raise error from None
 
 
 def rebuilt(body: Body, **changes: Any) -> Body:
@@ -71,22 +83,44 @@ def _changed(body: Body, name: object) -> Callable[[float], dict[str, Any]] | No
         return lambda p: {"center": _with(body.center, axis, p)}
     if not text.startswith("mounts["):
         return None
+    form = re.fullmatch(r"mounts\[([^\]]*)\]\.(.*)", text)
+    names = [mount.name for mount in body.mounts]
+    place = 0
+    if form is not None:
+        place = names.index(_native.choice(f"vary = {name!r}: mount", form[1], tuple(names)))
+    mount = body.mounts[place]
+    of_laws = mount._named_parameters
+    if form is not None and form[2] in of_laws:
+        return _of_law(body, place, form[2])
     form = re.fullmatch(r"mounts\[([^\]]*)\]\.(\w+?)(?:_scale|\[([xyz])\])", text)
     if form is None or form[2] not in _OF_MOUNTS:
         raise InputError(
-            f"vary = {name!r}: must be a number of a mount such as 'mounts[{body.mounts[0].name}]."
+            f"vary = {name!r}: must be a number of a mount such as 'mounts[{mount.name}]."
             "stiffness[z]' or '.position[x]' (of stiffness, damping and position), or a factor "
             "such as '.stiffness_scale'"
+            + (f", or a parameter of its laws, {', '.join(of_laws)}" if of_laws else "")
         )
-    names = [mount.name for mount in body.mounts]
-    place = names.index(_native.choice(f"vary = {name!r}: mount", form[1], tuple(names)))
-    mount, key = body.mounts[place], form[2]
-    was = np.asarray(getattr(mount, key), dtype=float)
+    key = form[2]
+    # The whole linear stiffness, that of polynomial laws included.
+    was = np.asarray(mount._elastic if key == "stiffness" else getattr(mount, key), dtype=float)
 
     def at(p: float) -> dict[str, Any]:
         value = p * was if form[3] is None else _with(was, _AXES.index(form[3]), p)
         mounts = list(body.mounts)
         mounts[place] = _mount_with(name, mount, key, value)
+        return {"mounts": mounts}
+
+    return at
+
+
+def _of_law(body: Body, place: int, key: str) -> Callable[[float], dict[str, Any]]:
+    """Arguments of the body with another value of a parameter of a mount's laws."""
+    mount = body.mounts[place]
+    before = dict(mount.parameters or {})
+
+    def at(p: float) -> dict[str, Any]:
+        mounts = list(body.mounts)
+        mounts[place] = replace(mount, parameters={**before, key: p})
         return {"mounts": mounts}
 
     return at
@@ -99,12 +133,12 @@ def _with(vector: Any, axis: int, p: float) -> FloatArray:
 
 
 def _mount_with(name: str, mount: MountPoint, key: str, value: FloatArray) -> MountPoint:
-    """The mount with another number; its stiffness has the linear part of its law."""
+    """The mount with another number, of whatever size or sign."""
     if key != "position" and not (value >= 0).all():
         raise InputError(f"vary = {name!r}: must not be less than 0, got {value.min():g}")
     value.setflags(write=False)
     other = copy(mount)
-    object.__setattr__(other, key, value)
+    object.__setattr__(other, "_elastic" if key == "stiffness" else key, value)
     return other
 
 

@@ -249,11 +249,11 @@ def _draw_box(axis: Any, corners: FloatArray, colour: str, style: Any) -> None:
 
 def draw_mounts(axis: Any, body: Body, size: float) -> None:
     """Draw mounts by their three axes, each as long as its stiffness."""
-    largest = max(float(np.max(np.asarray(mount.stiffness))) for mount in body.mounts) or 1.0
+    largest = max(float(np.max(mount._elastic)) for mount in body.mounts) or 1.0
     for mount in body.mounts:
         at = np.asarray(mount.position)
         for j in range(3):
-            reach = 0.15 * size * float(np.asarray(mount.stiffness)[j]) / largest
+            reach = 0.15 * size * float(mount._elastic[j]) / largest
             ends = at + np.outer([-reach, reach], mount.rotation[:, j])
             axis.plot(*ends.T, color=COLOURS[3], linewidth=3, solid_capstyle="butt")
         axis.text(*np.add(at, (0, 0, 0.06 * size)), mount.name)

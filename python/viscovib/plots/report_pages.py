@@ -148,7 +148,7 @@ def _tables(body: Body, torque_about: str | npt.ArrayLike | None) -> list[_Table
     mounts = [
         [
             mount.name, _row(np.asarray(mount.position)), _row(np.rad2deg(_angles(mount.rotation))),
-            _row(np.asarray(mount.stiffness)), _row(np.asarray(mount.damping)),
+            _row(mount._elastic), _row(np.asarray(mount.damping)),
             ", ".join(dict.fromkeys(_kernel(kernel) for kernel in mount.kernels)),
             _law(mount.laws),
         ]

@@ -310,6 +310,15 @@ def named_in(names: Iterable[str], *laws: object) -> tuple[str, ...]:
     return tuple(name for name in names if name in words)
 
 
+#: A name, or a number, whose e is none.
+_WORD = re.compile(r"(?:\d+\.?\d*|\.\d+)(?:[eEdD][+-]?\d+)?|[A-Za-z_]\w*")
+
+
+def with_numbers(text: str, parameters: Mapping[str, float]) -> str:
+    """Return a law with numbers for the names of parameters."""
+    return _WORD.sub(lambda m: f"({parameters[m[0]]!r})" if m[0] in parameters else m[0], text)
+
+
 def parameter_values(parameters: object, taken: Sequence[str]) -> dict[str, float]:
     """Numbers of a law by name."""
     if parameters is None:
