@@ -236,6 +236,8 @@ def test_interrupt_stops_the_threads(monkeypatch):
         ({"parameters": {"p4": [1.0]}}, "'p4' is not a number of the pendulum"),
         ({"parameters": {"e": [0.1, 0.9]}}, "must be less than 1"),
         ({"parameters": {"e": [0.1, 0.1]}, "initial": np.zeros((3, 6))}, "lengths differ"),
+        ({"initial": np.broadcast_to(0.0, (10**9, 6))}, "1000000000 runs with states of 6 numbers"),
+        ({"parameters": {"e": np.broadcast_to(0.1, 10**9)}}, "must be at most 11184810 runs"),
         ({"tolerance": 2}, "tolerance = 2: must be in"),
         ({"n_threads": 0}, "n_threads = 0: must be 1 to"),
         ({"system": 1}, "system = 1: must be a Pendulum"),

@@ -210,3 +210,16 @@ def test_the_plan_names_a_table_that_acts(kernel):
     assert "computes: force by a table of 3 times, 0 to 2.5" in plan
     assert "there is none" not in plan
     assert "there is none" in str(vv.simulate(body, 5, initial=[1.0, 0.0]).plan)
+
+
+@pytest.mark.parametrize("law", ["d^3", "5*max(d - 0.1, 0)"])
+def test_an_empty_base_is_a_base_at_rest(law):
+    """As scenes tell the loads of a system whose base does not move."""
+    k = np.array([[2.0, -1], [-1, 2]])
+    structure = vv.Structure(
+        mass=np.eye(2), stiffness=k, damping=0.1 * k, elements=[vv.Spring(on="x1", law=law)]
+    )
+    given = {"load": {1: [0.3, 0]}, "nu": 1.2, "dt": 0.1}
+    one = vv.simulate(structure, 3, **given)
+    other = vv.simulate(structure, 3, base={}, **given)
+    np.testing.assert_array_equal(one.state, other.state)

@@ -322,6 +322,7 @@ def _branch(
         crossings=located_crossings(
             (n_crossings, kinds, before, where),
             shown.motions(crossing_coefficients[:n_used, :, :n_crossings], crossed),
+            judged[:n] < 0,
         ),
         stops=np.flatnonzero(is_stop[:n]),
         outcome=OUTCOMES[ended],

@@ -191,10 +191,28 @@ def _steps(spans: FloatArray, fastest: FloatArray) -> int:
     return max(1, math.ceil(min(float(many.max()) / (0.5 * math.pi), 2.0 * MAX_STEPS)))
 
 
+#: Numbers in the states of all runs, whose matrices, peaks and sums are held besides.
+_MOST_NUMBERS = 2**26
+
+
 def shared_runs(
     given: Mapping[str, npt.ArrayLike], initial: npt.ArrayLike, width: int
 ) -> tuple[dict[str, FloatArray], FloatArray]:
     """Return what varies, and a start for each run."""
+    # Told before copies of so many are made.
+    n = max(
+        [1]
+        + [
+            len(many)
+            for many in (initial, *given.values())
+            if isinstance(many, (list, tuple)) or (isinstance(many, np.ndarray) and many.ndim)
+        ]
+    )
+    if n * width > _MOST_NUMBERS:
+        raise InputError(
+            f"initial, parameters: {n} runs with states of {width} numbers, must be at most "
+            f"{_MOST_NUMBERS // width} runs; make several ensembles"
+        )
     varied = {
         name: _native.real_array(f"parameters[{name!r}]", values, ndim=1)
         for name, values in given.items()

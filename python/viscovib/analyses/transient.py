@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -208,6 +208,8 @@ def simulate(
     if not auto and (rtol is not None or atol is not None):
         raise InputError('rtol, atol: are for dt = "auto", must not be given with dt')
     estimated = _native.flag("estimate_error", estimate_error)
+    # As scenes tell it of a base at rest.
+    base = None if isinstance(base, Mapping) and not base else base
     loads = Acting(load, nu, base, force, held, memory, coordinates)
     if resume is not None:
         if initial is not None:

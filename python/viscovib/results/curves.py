@@ -34,7 +34,10 @@ class Crossing:
     ``kind`` is "fold", "branch point" (a multiplier 1 where the branch does not turn back),
     "symmetry breaking", "period doubling" or "Neimark-Sacker"; ``before`` is the index of the last
     point before it. ``parameter`` and ``coefficients`` (shape (n_dof, m), not for the pendulum):
-    where, and the motion there; None where that was not found.
+    where, and the motion there; None where that was not found. ``sure``: whether the stability of
+    both points beside it is known. Where harmonics are too few to tell it (``stable`` is None
+    there), the crossing is one of the motion as it is: the whole motion may change its stability
+    elsewhere, or in another way.
 
     Examples
     --------
@@ -56,11 +59,13 @@ class Crossing:
     before: int
     parameter: float | None = None
     coefficients: ComplexArray | None = field(default=None, compare=False, repr=False)
+    sure: bool = True
 
     def __str__(self) -> str:
         """Say what changes where, with points counted from 1."""
         place = "" if self.parameter is None else f" at {self.parameter:.15g}"
-        return f"stability changes after point {self.before + 1}: {self.kind}{place}"
+        unsure = "" if self.sure else " (not sure: too few harmonics)"
+        return f"stability changes after point {self.before + 1}: {self.kind}{place}{unsure}"
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -295,10 +300,12 @@ def largest_panels(curve: Any, x: FloatArray, x_label: str) -> list[Panel]:
 def located_crossings(
     found: tuple[int, npt.NDArray[np.int32], npt.NDArray[np.int32], FloatArray],
     motions: ComplexArray,
+    unknown: npt.NDArray[np.bool_] | None = None,
 ) -> tuple[Crossing, ...]:
     """Changes of stability: their number, kinds, points before (from 1) and places, NaN if none.
 
-    ``motions``: X_k there, shape (at least as many as are given, n_dof, m).
+    ``motions``: X_k there, shape (at least as many as are given, n_dof, m). ``unknown``: of each
+    point, whether its stability is.
     """
     n, kinds, before, where = found
     if n > MAX_SPECIAL:
@@ -307,12 +314,14 @@ def located_crossings(
             StabilityWarning,
             stacklevel=caller(),
         )
-    return tuple(
-        Crossing(CROSSINGS[kinds[i] - 1], int(before[i]) - 1)
-        if np.isnan(where[i])
-        else Crossing(CROSSINGS[kinds[i] - 1], int(before[i]) - 1, float(where[i]), motions[i])
-        for i in range(min(n, len(motions)))
-    )
+    crossings = []
+    for i in range(min(n, len(motions))):
+        last = int(before[i]) - 1
+        lost = np.isnan(where[i])
+        place, motion = (None, None) if lost else (float(where[i]), motions[i])
+        sure = unknown is None or not unknown[last : last + 2].any()
+        crossings.append(Crossing(CROSSINGS[kinds[i] - 1], last, place, motion, sure))
+    return tuple(crossings)
 
 
 def located_branch_points(

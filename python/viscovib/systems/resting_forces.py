@@ -115,7 +115,9 @@ def products(t: ComplexArray, left: Any, right: Any) -> ComplexArray:
 def solved(matrices: ComplexArray, right: ComplexArray) -> ComplexArray:
     """Solutions of systems (n, q, q) with one right-hand side each, (n, q)."""
     if matrices.shape[1] == 1 and matrices.all():
-        return right / matrices[:, 0]
+        # A motion without a place, as a crossing that was not located, is NaN.
+        with np.errstate(invalid="ignore"):
+            return right / matrices[:, 0]
     return np.asarray(np.linalg.solve(matrices, right[:, :, np.newaxis])[:, :, 0])
 
 
