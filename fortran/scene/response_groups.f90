@@ -14,7 +14,9 @@ module viscovib_response_groups
   public :: read_response
 
   character(len=*), parameter :: grid_keys(4) = &
-    [character(len=10) :: 'nu_min', 'nu_max', 'nu_count', 'nu_spacing']
+    [character(len=10) :: 'nu_from', 'nu_to', 'nu_count', 'nu_spacing']
+  !> Names that the ends had before.
+  character(len=*), parameter :: former_keys(2) = ['nu_min', 'nu_max']
   !> Bound that stops a slip of the pen before it fills the memory.
   integer, parameter :: max_grid = 1000000
 
@@ -43,7 +45,7 @@ contains
     call read_frequencies(reader, nu)
   end subroutine read_response
 
-  !> Either the list nu, or nu_min, nu_max, nu_count and nu_spacing.
+  !> Either the list nu, or nu_from, nu_to, nu_count and nu_spacing.
   subroutine read_frequencies(reader, nu)
     type(group_reader), intent(inout) :: reader
     real(wp), allocatable, intent(out) :: nu(:)
@@ -53,9 +55,11 @@ contains
     integer :: n, spacing
 
     allocate (nu(0))
+    call reader%refuse(former_keys, 'the ends are nu_from and nu_to, as of a &branch')
+    if (reader%status%failed()) return
     if (reader%has('nu')) then
       call reader%refuse(grid_keys, 'the frequencies are listed in nu already; give either nu, ' &
-                         //'or nu_min, nu_max, nu_count and nu_spacing')
+                         //'or nu_from, nu_to, nu_count and nu_spacing')
       nu = reader%read_reals('nu')
       if (reader%status%failed()) return
       call check_increasing('nu', nu, status)
@@ -65,15 +69,15 @@ contains
       return
     end if
     spacing = 1
-    lowest = reader%read_real('nu_min')
-    highest = reader%read_real('nu_max')
+    lowest = reader%read_real('nu_from')
+    highest = reader%read_real('nu_to')
     n = reader%read_integer('nu_count')
     word = reader%read_text('nu_spacing', 'linear', [character(len=6) :: 'linear', 'log'], spacing)
     if (reader%status%failed()) return
-    call check_positive('nu_min', lowest, status)
+    call check_positive('nu_from', lowest, status)
     call reader%place(status)
-    if (highest <= lowest) call reader%complain('nu_max', 'nu_max = '//show(highest) &
-                                                //': must be greater than nu_min = '//show(lowest))
+    if (highest <= lowest) call reader%complain('nu_to', 'nu_to = '//show(highest) &
+                                                //': must be greater than nu_from = '//show(lowest))
     if (n < 2 .or. n > max_grid) call reader%complain('nu_count', 'nu_count = '//show(n) &
                                                       //': must be 2 to '//show(max_grid))
     if (reader%status%failed()) return

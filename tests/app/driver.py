@@ -14,7 +14,7 @@ SCENES = Path(__file__).parents[2] / "data" / "scenes"
 GOOD = """&mount mass=1, inertia=0.1, offset=0.5, stiffness_x=10, stiffness_phi=2 /
 &kernel kind='rzhanitsyn', amplitude=0.048, alpha=0.1, beta=0.05 /
 &load amplitude=0.1 /
-&response nu_min=0.5, nu_max=4, nu_count=8 /
+&response nu_from=0.5, nu_to=4, nu_count=8 /
 """
 
 
@@ -29,7 +29,7 @@ KERNEL = "kind='rzhanitsyn', amplitude=0.048, alpha=0.1, beta=0.05"
 BRANCH = GOOD[: GOOD.index("&response")] + "&branch nu_from=1, nu_to=4 /\n"
 
 
-GRID = "nu_min=0.5, nu_max=4, nu_count=8"
+GRID = "nu_from=0.5, nu_to=4, nu_count=8"
 
 
 @contextmanager

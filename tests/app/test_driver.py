@@ -107,7 +107,7 @@ def test_stability_of_a_response_in_driver_and_python(solve, tmp_path, memory):
     scene.write_text(
         "&mount mass=1, inertia=0.1, offset=0.5, stiffness_x=10, stiffness_phi=2,\n"
         f"  damping=0.2 -0.1 -0.1 0.09 /\n{kernel}{load}"
-        "&response method='newton', stability='yes', nu_min=2, nu_max=3.4, nu_count=20 /\n"
+        "&response method='newton', stability='yes', nu_from=2, nu_to=3.4, nu_count=20 /\n"
     )
     done = solve(scene, "--out", tmp_path)
     assert done.returncode == 0, done.stderr
@@ -261,7 +261,7 @@ def test_driver_reproduces_the_tabulated_curves(solve, tmp_path):
             .replace("amplitude=0.1 ", f"amplitude={load} ")
             .replace("mass=1", f"geometry='{geometry}', mass=1")
             .replace(
-                "nu_min=0.5, nu_max=4, nu_count=8",
+                "nu_from=0.5, nu_to=4, nu_count=8",
                 f"tolerance=1e-13, harmonics=9, nu={' '.join(p['nu'] for p in points)}",
             )
         )

@@ -51,7 +51,8 @@ BAD_SCENES = {
     ),
     "geometry": (GOOD.replace("mass=1", "geometry='flat', mass=1"), 1, "geometry = 'flat'"),
     "damping": (GOOD.replace("mass=1", "damping=1 2 3, mass=1"), 1, "damping has 3 values"),
-    "grid reversed": (GOOD.replace("nu_max=4", "nu_max=0.2"), 4, "nu_max = 0.2: must be greater"),
+    "former name": (GOOD.replace("nu_to", "nu_max"), 4, "nu_max: the ends are nu_from and nu_to"),
+    "grid reversed": (GOOD.replace("nu_to=4", "nu_to=0.2"), 4, "nu_to = 0.2: must be greater"),
     "grid of one": (GOOD.replace("count=8", "count=1"), 4, "nu_count = 1: must be 2 to"),
     "grid count real": (GOOD.replace("count=8", "count=8.5"), 4, "8.5: must be an integer"),
     "nu unsorted": (
@@ -60,7 +61,11 @@ BAD_SCENES = {
         "nu (value 3) = 2 after 3: must be strictly increasing",
     ),
     "nu zero": (GOOD.replace(GRID, "nu=0 1"), 4, "greater than 0"),
-    "nu twice": (GOOD.replace("nu_min", "nu=1, nu_min"), 4, "nu_min: the frequencies are listed"),
+    "nu twice": (
+        GOOD.replace("nu_from", "nu=1, nu_from"),
+        4,
+        "nu_from: the frequencies are listed",
+    ),
     "grid without end": (GOOD.replace("count=8", "count=100000000"), 4, "must be 2 to 1000000"),
     "tolerance": (GOOD.replace("nu_count=8", "nu_count=8,\ntolerance=0"), 5, "tolerance = 0"),
     "harmonics": (GOOD.replace("nu_count=8", "nu_count=8,\nharmonics=400"), 5, "must be 1 to 399"),
@@ -162,7 +167,7 @@ def test_tabulated_kernel_in_a_file_is_the_one_in_the_scene(solve, tmp_path):
     tables = []
     for name, text in scenes.items():
         scene = tmp_path / f"{name}.nml"
-        scene.write_text(text.replace("nu_min", "method='linear', nu_min"))
+        scene.write_text(text.replace("nu_from", "method='linear', nu_from"))
         assert solve(scene, "--out", tmp_path).returncode == 0
         tables.append(read_csv(tmp_path / f"{name}_response.csv"))
     assert (tables[0] == tables[1]).all()

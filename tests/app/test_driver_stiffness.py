@@ -73,7 +73,7 @@ def test_damping_that_couples_is_refused_with_what_is_true(solve, tmp_path):
         "&structure mass=1 2 1 stiffness=1e15 -1e15 0 -1e15 1e15 -1 0 -1 1\n"
         "  damping=0.1 0 0 0 0.05 0 0 0 0.1 /\n"
         "&element on='x3' law='0.7*d^3' kernel=0 /\n&load on='x1' amplitude=0.5 /\n"
-        "&response nu_min=1 nu_max=2 points=3 /\n"
+        "&response nu_from=1 nu_to=2 points=3 /\n"
     )
     done = solve(scene, "--out", tmp_path)
     assert done.returncode == 2

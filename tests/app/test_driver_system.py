@@ -34,7 +34,7 @@ def test_a_system_of_ones_own(solve, tmp_path):
         "&force on='b', coefficient=0.3, powers=0, 3, kernel=0 /\n"
         "&load on='b', amplitude=0.1, phase=0.3 /\n&load order=0, amplitude=0.05 /\n"
         "&load kind='base', order=2, amplitude=0.02 /\n"
-        "&response method='newton', nu_min=0.3, nu_max=2.5, nu_count=30 /\n"
+        "&response method='newton', nu_from=0.3, nu_to=2.5, nu_count=30 /\n"
     )
     done = solve(scene, "--out", tmp_path)
     assert done.returncode == 0, done.stderr
@@ -124,7 +124,7 @@ def test_laws_of_rates(solve, tmp_path):
         "&force on='a', law='0.2*tanh(A_dot/0.3) + 0.1*a_dot', kernel=0 /\n"
         "&force on='b', law='0.1*(b_dot - a_dot)*(b - a)^2 + 0.1*tanh(b_dot)', kernel=1 /\n"
         "&load on='b', amplitude=0.3 /\n"
-        "&response method='newton', nu_min=0.5, nu_max=1.5, nu_count=3 /\n"
+        "&response method='newton', nu_from=0.5, nu_to=1.5, nu_count=3 /\n"
     )
     done = solve(scene, "--out", tmp_path)
     assert done.returncode == 0, done.stderr

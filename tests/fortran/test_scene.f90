@@ -78,7 +78,7 @@ contains
       call round_trip(mount//load//response)
       call round_trip('&scene title=''it''''s a "title" / &'' /'//nl//mount//kernel//load &
                       //'&load order=0, amplitude=-1e-300 /'//nl//'&load kind=''base'', order=3, ' &
-                      //'amplitude=0.1, phase=-0.7/'//nl//'&response nu_min=0.3, nu_max=12, ' &
+                      //'amplitude=0.1, phase=-0.7/'//nl//'&response nu_from=0.3, nu_to=12, ' &
                       //'nu_count=5, nu_spacing=''log'', relaxation=0.3 /')
       call round_trip(mount//'&kernel acts_on=''phi'', kind=''prony'', weights=5*0.01, ' &
                       //'rates=1 2 3 4 5 /'//nl//'&kernel acts_on=''x'', kind=''tabulated'', ' &
@@ -260,9 +260,9 @@ contains
                  ':2: order = 2000000')
       call wrong(mount//load//'&response nu=0 1 /', ':3: nu = 0: must be greater than 0')
       call wrong(mount//load//'&response nu=1 1 /', ':3: nu (value 2) = 1 after 1')
-      call wrong(mount//load//'&response nu_min=1, nu_max=2, nu_count=1000001 /', &
+      call wrong(mount//load//'&response nu_from=1, nu_to=2, nu_count=1000001 /', &
                  ':3: nu_count = 1000001: must be 2 to 1000000')
-      call wrong(mount//load//'&response nu_min=2, nu_max=1, nu_count=3 /', ':3: nu_max = 1')
+      call wrong(mount//load//'&response nu_from=2, nu_to=1, nu_count=3 /', ':3: nu_to = 1')
       call wrong('&mount mass=0, inertia=0.1, offset=0.5,'//nl//'stiffness_x=10, stiffness_phi=2/' &
                  //nl//load//response, ':1: mass = 0: must be greater than 0')
     end if

@@ -57,7 +57,7 @@ FILES = {
 """,
     "scene.nml": """&mount mass=1 inertia=0.1 offset=0.5 stiffness_x=10 stiffness_phi=2 /
 &load amplitude=0.1 /
-&response nu_min=0.5 nu_max=4 nu_count=4 method='linear' /
+&response nu_from=0.5 nu_to=4 nu_count=4 method='linear' /
 """,
     "pendulum.nml": """&pendulum e=0.1 w2=0.4 w3=0.8 c1=0.01 f0=0.005 p1=0.93 /
 &transient initial=0.05 0 0.3 0 -0.2 0 t_end=5 dt=0.25 /

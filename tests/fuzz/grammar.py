@@ -48,7 +48,7 @@ SEEDS = {
     "response": """&mount mass=1 inertia=0.1 offset=0.5 stiffness_x=10 stiffness_phi=2 /
 &kernel kind='rzhanitsyn' amplitude=0.048 alpha=0.1 beta=0.05 /
 &load amplitude=0.1 /
-&response nu_min=0.5 nu_max=4 nu_count=6 /
+&response nu_from=0.5 nu_to=4 nu_count=6 /
 """,
     "newton": """&mount mass=1 inertia=0.1 offset=0.5 stiffness_x=10
   stiffness_phi=2 damping=0.1 0 0 0.1 /
@@ -72,14 +72,14 @@ SEEDS = {
 &spring stiffness=1 0 kernel=1 /
 &force on='x2' law='0.5*(x1 - x2)^3' kernel=0 /
 &load on='x1' amplitude=0.3 /
-&response nu_min=0.3 nu_max=2 nu_count=5 harmonics=3 /
+&response nu_from=0.3 nu_to=2 nu_count=5 harmonics=3 /
 """,
     "parameters": """&parameters k3=0.5 f0=0.02 soft=0.1 /
 &system coordinates='x1' 'x2' mass=1 1 stiffness=2 -1 -1 2 damping=0.02 0.02 /
 &force on='x2' law='k3*(x1 - x2)^3' /
 &force on='x1' law='f0*tanh(x1_dot/soft)' /
 &load on='x1' amplitude=0.3 /
-&response nu_min=0.3 nu_max=2 nu_count=3 harmonics=5 method='newton' sampling='yes'
+&response nu_from=0.3 nu_to=2 nu_count=3 harmonics=5 method='newton' sampling='yes'
   dissipation='yes' /
 """,
     "body": """&body mass=10 inertia=0.3 0.01 0 0.01 0.2 0 0 0 0.4 gravity=0 0 -9.81 /
@@ -96,7 +96,7 @@ SEEDS = {
 &mount_point name='b' position=-0.1 0.1 0 stiffness=1e4 1e4 2e4 /
 &mount_point name='c' position=0 -0.2 0.1 stiffness=1e4 1e4 2e4 /
 &load kind='base' amplitude=0.001 /
-&response nu_min=20 nu_max=60 nu_count=6 method='linear' /
+&response nu_from=20 nu_to=60 nu_count=6 method='linear' /
 """,
     "body_exact": """&body mass=10 inertia=0.3 0.2 0.4 geometry='exact' load_axes='body' /
 &mount_point name='a' position=0.1 0.2 0 stiffness=1e4 1e4 2e4 damping=10 10 10 /
@@ -152,7 +152,7 @@ SEEDS = {
 &force on='x' law='0.5*x*(1 + tanh((x^2 - 0.25)/0.1))' /
 &force on='y' law='where(y > 0.1, sin(y) - 0.3*exp(-y^2), max(x, y, 0))' kernel=1 /
 &load on='x' amplitude=0.15 /
-&response nu_min=0.5 nu_max=1.9 nu_count=4 harmonics=3 stability='yes' /
+&response nu_from=0.5 nu_to=1.9 nu_count=4 harmonics=3 stability='yes' /
 """,
     "law_motion": """&system coordinates='x' mass=1 stiffness=1 damping=0.1 /
 &force law='abs(x)*x + log(1 + x^2)/sqrt(2 + cos(x))' /
@@ -188,7 +188,7 @@ SEEDS = {
     "sweep": """&scene title='a title' /
 &mount mass=1 inertia=0.1 offset=0.5 stiffness_x=10 stiffness_phi=2 /
 &load kind='base' amplitude=0.1 /
-&response nu_min=0.5 nu_max=4 nu_count=6 method='linear' coordinates='x' /
+&response nu_from=0.5 nu_to=4 nu_count=6 method='linear' coordinates='x' /
 &sweep key='mount.mass' min=1 max=2 count=3 /
 """,
 }  # fmt: skip

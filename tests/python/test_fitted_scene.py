@@ -13,7 +13,7 @@ from rubber_examples import KERNELS, made
 SCENE = """&mount mass=1 inertia=0.1 offset=0.5 stiffness_x=10 stiffness_phi=2 /
 &kernel kind='fitted' file='rubber.json' {more}/
 &load amplitude=0.1 /
-&response nu_min=0.5 nu_max=6 nu_count=40 method='linear' /
+&response nu_from=0.5 nu_to=6 nu_count=40 method='linear' /
 {last}
 """
 LAWS = {

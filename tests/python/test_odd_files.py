@@ -76,7 +76,7 @@ def test_too_little_room_is_told(tmp_path):
 
 def test_a_bound_on_the_size_of_files_is_told(tmp_path):
     """By a line and without half a file: the signal of the system is ignored."""
-    (tmp_path / "scene.nml").write_text(SCENE.replace("nu=1 2", "nu_min=1 nu_max=2 nu_count=400"))
+    (tmp_path / "scene.nml").write_text(SCENE.replace("nu=1 2", "nu_from=1 nu_to=2 nu_count=400"))
 
     def bound():
         resource.setrlimit(resource.RLIMIT_FSIZE, (1000, 1000))

@@ -100,7 +100,7 @@ def test_a_scene_over_a_grid_is_the_scene_with_its_keys_changed():
         ("pendulum", "pendulum.f0", ""), ("system", "transient.t_end", "s"),
         ("system", "load.amplitude", "N"), ("system", "transient.initial(2)", "m/s"),
         ("angle", "load.amplitude", "N m"), ("other", "load.amplitude", ""),
-        ("angle", "backbone.to", "rad"), ("other", "response.nu_max", "rad/s"),
+        ("angle", "backbone.to", "rad"), ("other", "response.nu_to", "rad/s"),
     ],
 )  # fmt: skip
 def test_units_are_those_of_the_system(system, key, unit):

@@ -51,7 +51,7 @@ def _mount(rng):
 def _response(rng, index):
     text, python = _mount(rng)
     kept = "'auto'" if index % 2 else "9"
-    text += f"&response nu_min = 0.5, nu_max = 5, nu_count = 40, method = 'newton', harmonics = {kept} /\n"
+    text += f"&response nu_from = 0.5, nu_to = 5, nu_count = 40, method = 'newton', harmonics = {kept} /\n"
     call = f"""text = {text!r}
 {_BEGIN}{python}
 direct = vv.forced_response(system, np.linspace(0.5, 5, 40), load=load, method="newton", harmonics={kept})

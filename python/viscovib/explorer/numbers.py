@@ -17,7 +17,7 @@ _PHYSICS = (
 )  # fmt: skip
 #: Where and how long results are computed, of the other groups.
 _RANGES = (
-    "nu", "nu_min", "nu_max", "nu_from", "nu_to", "nu_count", "from", "to", "count", "t_end", "dt",
+    "nu", "nu_from", "nu_to", "nu_count", "from", "to", "count", "t_end", "dt",
     "initial", "mode", "discard",
 )  # fmt: skip
 #: Integers of the first groups that are names of a kind, not quantities.

@@ -321,8 +321,8 @@ class Scene:
             return np.atleast_1d(np.asarray(group["nu"], dtype=float))
         return np.asarray(
             core.frequency_grid(
-                group["nu_min"],
-                group["nu_max"],
+                group["nu_from"],
+                group["nu_to"],
                 int(group["nu_spacing"] == "log"),
                 group["nu_count"],
             )

@@ -27,7 +27,7 @@ _MATRICES = {
     "stiffness": {("m", "m"): "N/m", ("m", "rad"): "N", ("rad", "rad"): "N m"},
 }
 _TIMES = ("t_end", "dt", "discard")
-_FREQUENCIES = ("nu", "nu_min", "nu_max", "nu_from", "nu_to", "p1", "p2", "p3")
+_FREQUENCIES = ("nu", "nu_from", "nu_to", "p1", "p2", "p3")
 
 
 def unit_of(groups: Mapping[str, Any], key: str) -> str:
