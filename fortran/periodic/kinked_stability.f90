@@ -4,7 +4,8 @@
 !! Disturbances (`viscovib_kinked_motion`) are integrated from one phase at which a law changes its
 !! branch to the next, over pieces on which the equation Y' = A(t) Y is solved at the sixteen points
 !! of Gauss, Y = Y_0 + integral of A Y, by iteration; a piece that sixteen points do not tell is
-!! halved. A jump on the way is a map of its own (`viscovib_jump_maps`).
+!! halved. Where laws are straight between their kinks, as a gap, A does not change on a piece, and
+!! Y = exp(A t) Y_0 by its series. A jump on the way is a map of its own (`viscovib_jump_maps`).
 module viscovib_kinked_stability
   use viscovib_constants, only: pi
   use viscovib_eigenvalues, only: eigenvalues
@@ -26,6 +27,9 @@ module viscovib_kinked_stability
   !> Angle that the fastest mode turns in a piece at most, iterations, and pieces.
   real(wp), parameter :: angle_a_piece = 1.5_wp, settled = 1.0e-14_wp
   integer, parameter :: most_turns = 60, most_pieces = 4000
+  !> Terms of a series, and their size, beyond which these cancel each other.
+  integer, parameter :: most_terms = 30
+  real(wp), parameter :: largest_term = 1.0e12_wp
 
 contains
 
@@ -154,6 +158,13 @@ contains
     end do
     call matrices(system, set, nu, x, rest, elements, from, to, a, y)
     h = (to - from)/nu
+    if (is_constant(a)) then
+      call along_exponential(h*a(:, :, 1), y, done)
+      if (done) then
+        call to_end(set, elements, to)
+        return
+      end if
+    end if
     do i = 1, nodes
       stage(:, :, i) = y
     end do
@@ -194,6 +205,36 @@ contains
     end do
     call to_end(set, elements, to)
   end subroutine one_piece
+
+  !> Whether the equations are the same at all points.
+  pure logical function is_constant(a)
+    real(wp), intent(in) :: a(:, :, :)
+    integer :: i
+    is_constant = .false.
+    do i = 2, size(a, 3)
+      if (any(abs(a(:, :, i) - a(:, :, 1)) > 0.0_wp)) return
+    end do
+    is_constant = .true.
+  end function is_constant
+
+  !> y becomes exp(a) y, unless its series is too long to be exact.
+  pure subroutine along_exponential(a, y, done)
+    real(wp), intent(in) :: a(:, :)
+    real(wp), intent(inout) :: y(:, :)
+    logical, intent(out) :: done
+    real(wp), dimension(size(y, 1), size(y, 2)) :: term, total
+    integer :: k
+
+    term = y
+    total = y
+    do k = 1, most_terms
+      term = matmul(a, term)/k
+      total = total + term
+      done = maxval(abs(term)) <= settled*maxval(abs(total))
+      if (done .or. maxval(abs(term)) > largest_term*maxval(abs(y))) exit
+    end do
+    if (done) y = total
+  end subroutine along_exponential
 
   !> Elements from the last point on to the end of a piece.
   subroutine to_end(set, elements, theta)
