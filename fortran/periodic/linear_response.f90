@@ -21,7 +21,7 @@ module viscovib_linear_response
 contains
 
   !> Compliance D(k nu)^(-1) for every order k and frequency nu.
-  subroutine compliance_table(system, orders, nu, fraction, compliance, singular)
+  subroutine compliance_table(system, orders, nu, fraction, compliance, singular, by_rate)
     class(oscillator_type), intent(in) :: system
     integer, intent(in) :: orders(:)
     !> Shape (n).
@@ -32,6 +32,8 @@ contains
     complex(wp), intent(out) :: compliance(:, :, :, :)
     !> Some order has a singular stiffness, shape (n).
     logical, intent(out) :: singular(:)
+    !> From `slopes_by_rate`, where D is to hold these.
+    real(wp), intent(in), optional :: by_rate(:, :)
     complex(wp) :: stiffness(system%n_dof(), system%n_dof(), size(nu))
     logical :: bad
     integer :: i, k
@@ -40,6 +42,8 @@ contains
     do k = 1, size(orders)
       call system%retained(orders(k)*nu, fraction(:, :, k))
       call system%dynamic_stiffness(orders(k)*nu, fraction(:, :, k), stiffness)
+      if (present(by_rate)) call add_rates(system, by_rate, orders(k)*nu, fraction(:, :, k), &
+                                           stiffness)
       do i = 1, size(nu)
         call invert(stiffness(:, :, i), compliance(:, :, i, k), bad)
         singular(i) = singular(i) .or. bad
@@ -47,8 +51,47 @@ contains
     end do
   end subroutine compliance_table
 
+  !> Derivatives of the hereditary variables by the rates at rest, shape (n_memory, n_dof). Of laws
+  !! without a kernel they are damping, and 0 here; behind a kernel they are part of the law, since
+  !! what is remembered is no damping.
+  function slopes_by_rate(system) result(by_rate)
+    class(oscillator_type), intent(in) :: system
+    real(wp) :: by_rate(system%n_memory(), system%n_dof())
+    real(wp), dimension(1, system%n_dof() + system%n_rates()) :: rest
+    real(wp) :: slopes(1, system%n_memory(), system%n_dof() + system%n_rates())
+    integer :: i
+
+    by_rate = 0.0_wp
+    if (system%n_rates() == 0) return
+    rest = 0.0_wp
+    slopes = 0.0_wp
+    call system%deflection_slopes(rest, slopes)
+    do i = 1, system%n_rates()
+      by_rate(:, system%rates(i)) = slopes(1, :, system%n_dof() + i)
+    end do
+  end function slopes_by_rate
+
+  !> Add sum_j B(:,j) C_j (1 - Rhat_j(mu)) i mu, C_j the derivatives of variable j by the rates.
+  pure subroutine add_rates(system, by_rate, mu, fraction, stiffness)
+    class(oscillator_type), intent(in) :: system
+    real(wp), intent(in) :: by_rate(:, :), mu(:)
+    complex(wp), intent(in) :: fraction(:, :)
+    complex(wp), intent(inout) :: stiffness(:, :, :)
+    integer :: b, j, k
+
+    do k = 1, size(mu)
+      do b = 1, size(by_rate, 2)
+        do j = 1, size(by_rate, 1)
+          if (.not. abs(by_rate(j, b)) > 0.0_wp) cycle
+          stiffness(:, b, k) = stiffness(:, b, k) + system%spread(:, j) &
+                               *(by_rate(j, b)*(0.0_wp, 1.0_wp)*mu(k)*fraction(k, j))
+        end do
+      end do
+    end do
+  end subroutine add_rates
+
   !> X_k = D(k nu)^(-1) P_k for the orders of the load, the only ones that a
-  !! linear system answers with.
+  !! linear system answers with. D holds what is linear in rates in laws with a kernel.
   subroutine linear_response(system, load, nu, response)
     class(oscillator_type), intent(in) :: system
     type(load_type), intent(in) :: load
@@ -67,7 +110,7 @@ contains
       if (counting) call count_unknowns(load%orders, system%n_dof(), n)
       if (counting) call count_up(counted_loads, n*n_orders)
       call compliance_table(system, load%orders, nu(first:first + n - 1), fraction, compliance, &
-                            singular(:n))
+                            singular(:n), slopes_by_rate(system))
       do i = 1, n
         do k = 1, n_orders
           response%coefficients(k, :, first + i - 1) = &

@@ -148,3 +148,26 @@ def test_a_mount_has_no_laws(solve, tmp_path):
     done = solve(scene)
     assert done.returncode == 2
     assert "&parameters: needs &system, &structure or &body" in done.stderr
+
+
+@pytest.mark.parametrize(
+    "rest",
+    [
+        "&system coordinates = 'x', mass = 1 / &spring stiffness = 2, kernel = 1 /\n"
+        "&force law = 'c*tanh(x_dot)', kernel = 1 /\n",
+        "&structure size = 1, mass = 1, stiffness = 0, coordinates = 'x' /\n"
+        "&element on = 'x', stiffness = 2, law = 'c*tanh(v)', kernel = 1 /\n",
+    ],
+)
+def test_linear_response_holds_rates_behind_kernels(solve, tmp_path, rest):
+    """(1 - R) (k + i nu c) stands in the dynamic stiffness, as Python says it."""
+    kernel = "&kernel kind = 'prony', weights = 0.4, rates = 1.3 /\n"
+    load = "&load amplitude = 0.1 /\n&response nu = 0.5 1.3 2, method = 'linear' /\n"
+    scene = tmp_path / "a.nml"
+    scene.write_text(f"&parameters c = 0.3 /\n{kernel}{rest}{load}")
+    assert solve(scene, "--out", tmp_path).returncode == 0
+    rows = read_csv(tmp_path / "a_response.csv")
+    s = 1j * np.array([0.5, 1.3, 2])
+    found = rows["x_1_re"] + 1j * rows["x_1_im"]
+    stiffness = (2 + 0.3 * s) * (1 - 0.4 / (1.3 + s)) + s**2
+    assert found == pytest.approx(0.1 / stiffness, rel=1e-12)

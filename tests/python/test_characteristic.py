@@ -227,9 +227,14 @@ def test_rates_in_laws_with_a_kernel_damp_and_drive():
         small = vv.forced_response(system, [nu], load=push, method="newton")
         found = np.linalg.solve(system.dynamic_stiffness(nu), push)
         assert small.coefficients[0, :, 0] == pytest.approx(found, rel=1e-8)
-        with pytest.warns(vv.RangeWarning, match="leaves out what is linear in rates"):
-            vv.forced_response(system, [nu], load=push, method="linear")
-    spring = vv.Spring(on=[1.0], stiffness=0.5, law="0.3*tanh(v)", kernel=system.kernel)
-    structure = vv.Structure(mass=[1.0], stiffness=[1.0], elements=[spring])
-    with pytest.warns(vv.RangeWarning, match="leaves out what is linear in rates"):
-        structure.characteristic_roots()
+        same = vv.Structure(
+            mass=np.ones(n), stiffness=np.zeros(n), damping=0.02 * np.ones(n), names=names,
+            elements=[
+                vv.Spring(on=x, stiffness=one, law=f"{a}*tanh(3*v)/3", kernel=system.kernel)
+                for x, a, one in zip(names, c, squares, strict=True)
+            ],
+        )  # fmt: skip
+        assert same.characteristic_roots().oscillatory == pytest.approx(roots.oscillatory, rel=1e-9)
+        for one in system, same:
+            linear = vv.forced_response(one, [nu], load=push, method="linear")
+            assert linear.coefficients[0, :, 0] == pytest.approx(found, rel=1e-12)

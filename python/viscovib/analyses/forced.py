@@ -116,8 +116,7 @@ def forced_response(
         Of a pendulum, instead of ``nu``: values of one of them in place of its own. Without any a
         single motion is computed.
     method : {"successive", "newton", "linear"}
-        Of an oscillator. "linear": nonlinear terms left out (and, with a warning, what is linear in
-        rates in laws with a kernel); "successive": successive
+        Of an oscillator. "linear": nonlinear terms left out; "successive": successive
         approximations from the linear response, which converge where the nonlinear force is small
         against the dynamic stiffness; "newton": Newton's method, which also passes resonances.
         There each frequency starts from the one before in the order given, as in a slow sweep:
@@ -187,8 +186,6 @@ def forced_response(
         ``truncation`` below ``tolerance``.
     StabilityWarning
         If the stability of motions found is unknown.
-    RangeWarning
-        If ``method="linear"`` leaves out what is linear in rates in laws with a kernel.
 
     Notes
     -----

@@ -34,7 +34,6 @@ from viscovib.systems.law_ends import told_edges
 from viscovib.systems.load import LoadLike
 from viscovib.systems.oscillators import Steady, check_steady, oscillator_job, refuse_turning
 from viscovib.systems.polynomial_system import PolynomialSystem
-from viscovib.systems.rates_left_out import warn_of_rates_left_out
 from viscovib.systems.sticking import advice_on_sticking
 
 METHODS = ("linear", "successive", "newton")
@@ -110,8 +109,6 @@ def mount_response(
     if stability:
         given |= _stability_of(parts, _joined(parts, 1) == 0)
     response: Response
-    if planned.method == "linear":
-        warn_of_rates_left_out("method='linear'", system)
     if planned.loaded is not None:
         linear = planned.method == "linear"
         loaded = planned.loaded.linear_part() if linear else planned.loaded

@@ -195,6 +195,13 @@ class ElementTerms(NamedTuple):
         bent = self.law is not None or max(self.powers, default=1) > 1
         return self.kernel is not None or bent
 
+    @property
+    def remembered_damping(self) -> float:
+        """What its law has as a slope by the rate at rest, behind its kernel."""
+        if self.kernel is None or self.law is None or not self.law.n_rates:
+            return 0.0
+        return float(self.law.damping_at_rest()[0])
+
 
 def element_terms(
     elements: Sequence[Any], names: Sequence[str], places: Mapping[str, int]

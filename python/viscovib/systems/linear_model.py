@@ -13,7 +13,8 @@ from viscovib.systems.sparse_pencil import Modes
 class LinearModel(NamedTuple):
     """K, M, C and hereditary stiffnesses of a linear model, dense or sparse.
 
-    D(s) = M s^2 + C s + (K + sum_j K_j) (1 + b s + i eta) + a s M - sum_j K_j R_j(s) + C_r s.
+    D(s) = M s^2 + C s + (K + sum_j K_j) (1 + b s + i eta) + a s M - sum_j K_j R_j(s) + C_r s
+    + sum_j C_j s (1 - R_j(s)).
 
     Attributes
     ----------
@@ -30,6 +31,8 @@ class LinearModel(NamedTuple):
         eta, loss factor of K: for periodic motions, s = i omega, omega > 0.
     layers : sequence of (array, Kernel)
         K_j with their kernels. ``stiffness`` does not hold them.
+    dampers : sequence of (array, Kernel)
+        C_j with their kernels: what is linear in rates and remembered.
     """
 
     mass: Any
@@ -39,6 +42,7 @@ class LinearModel(NamedTuple):
     ratio: float | Sequence[float] = 0.0
     loss: float = 0.0
     layers: Sequence[tuple[Any, Kernel]] = ()
+    dampers: Sequence[tuple[Any, Kernel]] = ()
 
     @property
     def at_rest(self) -> Any:
@@ -50,9 +54,10 @@ class LinearModel(NamedTuple):
 
     @property
     def matrices(self) -> list[Any]:
-        """A_i: M, K, C if there is one, and the layers."""
+        """A_i: M, K, C if there is one, the layers and the dampers."""
         damping = [] if self.damping is None else [self.damping]
-        return [self.mass, self.stiffness, *damping, *(layer for layer, _ in self.layers)]
+        relaxing = (matrix for matrix, _ in (*self.layers, *self.dampers))
+        return [self.mass, self.stiffness, *damping, *relaxing]
 
     def coefficients(self, s: ComplexArray) -> ComplexArray:
         """Values c_i(s), shape (number of matrices,) + s.shape, without modal ratios."""
@@ -63,6 +68,7 @@ class LinearModel(NamedTuple):
         if self.damping is not None:
             total.append(s)
         total += [1 + damped - np.asarray(kernel.laplace(s)) for _, kernel in self.layers]
+        total += [s * (1 - np.asarray(kernel.laplace(s))) for _, kernel in self.dampers]
         return np.asarray(total)
 
     def ratios(self, count: int) -> FloatArray:

@@ -84,7 +84,7 @@ def _fill(model: LinearModel, roots: ComplexArray, shapes: ComplexArray) -> None
     mode does not oscillate it is left open which roots belong to which modes.
     """
     n = model.mass.shape[0]
-    if model.layers or model.loss or n > _SMALL:
+    if model.layers or model.dampers or model.loss or n > _SMALL:
         return
     mass, stiffness = (
         np.asarray(m.toarray()) for m in map(csc_array, (model.mass, model.stiffness))
@@ -127,7 +127,7 @@ def structure_roots(structure: Any, count: Any, layers: Any) -> CharacteristicRo
         more.append((matrix_of(f"layers[{i}][0]", layer[0], n, sparse=True), layer[1]))
     relaxing = [*model.layers, *own, *more]
     if structure._reduced is not None and np.any(model.ratio):
-        model = _in_modes(structure, relaxing, len(more))
+        model = _in_modes(structure, relaxing, len(more), model.dampers)
     else:
         model = model._replace(layers=relaxing)
     roots, _ = sparse_roots(model, wanted)
@@ -135,7 +135,12 @@ def structure_roots(structure: Any, count: Any, layers: Any) -> CharacteristicRo
     return CharacteristicRoots(roots, np.zeros(0), growing, False)
 
 
-def _in_modes(structure: Any, relaxing: Sequence[tuple[Any, Kernel]], n_more: int) -> LinearModel:
+def _in_modes(
+    structure: Any,
+    relaxing: Sequence[tuple[Any, Kernel]],
+    n_more: int,
+    dampers: Sequence[tuple[Any, Kernel]],
+) -> LinearModel:
     """The reduced model, whose modal ratios have a matrix, and what relaxes in it.
 
     The last ``n_more`` layers are none of its own.
@@ -144,15 +149,17 @@ def _in_modes(structure: Any, relaxing: Sequence[tuple[Any, Kernel]], n_more: in
     damping = np.diag(found.rates)
     if structure._reduced.model.damping is not None:
         damping = damping + found.matrices[0]
-    layers = [
-        (csc_array(found.shapes.T @ (matrix @ found.shapes)), kernel) for matrix, kernel in relaxing
-    ]
+    layers, dampers = (
+        [(csc_array(found.shapes.T @ (matrix @ found.shapes)), kernel) for matrix, kernel in parts]
+        for parts in (relaxing, dampers)
+    )
     # Modes and damping are those of all its springs before they relax.
     own = layers[: len(layers) - n_more]
     elastic = np.diag(found.squares) - sum(matrix.toarray() for matrix, _ in own)
     return LinearModel(
-        csc_array(np.eye(found.squares.size)), csc_array(elastic), csc_array(damping), layers=layers
-    )
+        csc_array(np.eye(found.squares.size)), csc_array(elastic), csc_array(damping),
+        layers=layers, dampers=dampers,
+    )  # fmt: skip
 
 
 def _beginning(model: LinearModel, j: int, lowest: float) -> tuple[float, FloatArray]:

@@ -421,8 +421,9 @@ class Structure:
     def characteristic_roots(
         self, count: int | None = None, *, layers: Sequence[tuple[Any, Kernel]] = ()
     ) -> "CharacteristicRoots":
-        """The first roots of det[M s^2 + C s + K + sum_j k_j e_j e_j' (1 - R_j(s))] = 0.
+        """The first roots of det[M s^2 + C s + K + sum_j (k_j + s c_j) e_j e_j' (1 - R_j(s))] = 0.
 
+        c_j is what is linear in the rate in the law of an element with a kernel.
         By Newton's method on the full matrices, dense or sparse; each root begins at a mode of the
         stiffness that acts at its frequency. Only oscillatory roots are looked for: of the result
         ``real`` is empty, ``n_unstable`` counts those found and ``complete`` is False.
@@ -436,10 +437,8 @@ class Structure:
             Further stiffness matrices beside K that relax as a whole, with any kernel, beside those
             that the structure has.
         """
-        from viscovib.systems.rates_left_out import warn_of_rates_left_out
         from viscovib.systems.sparse_roots import structure_roots
 
-        warn_of_rates_left_out("characteristic_roots of a structure", self)
         return structure_roots(self, count, layers)
 
     @property

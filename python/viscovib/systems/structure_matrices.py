@@ -16,6 +16,7 @@ from viscovib.systems.spring_groups import square_matrix
 from viscovib.systems.structure_rest import ModalDamping
 
 if TYPE_CHECKING:
+    from viscovib.kernels.relaxation import Kernel
     from viscovib.systems.linear_model import LinearModel
 
 #: Coordinates that an element may act on in sparse matrices.
@@ -124,6 +125,7 @@ def linear_model(
 
     n = mass.shape[0]
     layers: list[ElementTerms] = []
+    dampers: list[tuple[Any, Kernel]] = []
     elastic: list[tuple[float, FloatArray]] = []
     for e in elements:
         k = e.powers.get(1, 0.0)
@@ -131,6 +133,9 @@ def linear_model(
             layers.append(e)
         else:
             elastic.append((k, e.direction))
+        c = e.remembered_damping
+        if remembering and e.kernel is not None and c:
+            dampers.append((_of_elements(n, [(c, e.direction)]), e.kernel))
     total = checked_sparse("damping", damping)
     total = total + _of_elements(n, [(e.damping, e.direction) for e in elements])
     modal = ModalDamping() if modal is None else modal
@@ -142,6 +147,7 @@ def linear_model(
         ratio=modal.ratio,  # type: ignore[arg-type]
         loss=modal.loss,  # type: ignore[arg-type]
         layers=[(_of_elements(n, [(e.powers[1], e.direction)]), e.kernel) for e in layers],  # type: ignore[misc]
+        dampers=dampers,
     )
 
 
