@@ -7,8 +7,8 @@
 !! null vector leads onto the other branch.
 module viscovib_curve_branch
   use viscovib_curve, only: curve_type
-  use viscovib_curve_corrector, only: aim, compare, correct, corrector_type, new_corrector, &
-    rounding_of, truncation_shift
+  use viscovib_curve_corrector, only: aim, all_patterns, compare, correct, corrector_type, &
+    new_corrector, rounding_of, truncation_shift
   use viscovib_curve_events, only: locate_branch_point, locate_fold, locate_value, nowhere
   use viscovib_curve_options, only: curve_options, curve_options_from, curve_table
   use viscovib_curve_point, only: angle_between, copy_point, curve_point, distance, new_point, &
@@ -37,6 +37,8 @@ module viscovib_curve_branch
   real(wp), parameter :: most_surprise = 0.3_wp, wanted_surprise = 0.2_wp
   !> How far p may be off its prediction, as a part of its changes.
   real(wp), parameter :: most_drift = 0.5_wp
+  !> What the unknowns left out push is rounding where it is no more than so many times that.
+  real(wp), parameter :: as_rounding = 8.0_wp
 
   !> A curve on the way: what its steps share.
   type :: follower_type
@@ -50,7 +52,9 @@ module viscovib_curve_branch
     type(curve_point), pointer :: before => null(), here => null(), next => null()
     !> Wanted values, and the steps to those met since `here`.
     real(wp), allocatable :: stops(:), places(:)
-    real(wp) :: step = 0.0_wp, sign_wanted = 1.0_wp, truncation = 0.0_wp
+    real(wp) :: step = 0.0_wp, sign_wanted = 1.0_wp
+    !> Of the point examined last, and what of it is rounding.
+    real(wp) :: truncation = 0.0_wp, rounding = 0.0_wp
     !> Of the step just made: the angle between its tangents, and how far it lies off.
     real(wp) :: angle = 0.0_wp, off = 0.0_wp
     !> Whether it began by leaving a branch point, and whether it has left its first point.
@@ -167,7 +171,7 @@ contains
     call correct_upright(f, made)
     if (.not. made) return
     call copy_point(f%next, f%here)
-    call blur(f%curve, f%corrector, f%here)
+    call blur(f, f%here)
   end subroutine begin
 
   !> Correct `here` as `next`; by how little p is moved then is rounding.
@@ -236,7 +240,7 @@ contains
     real(wp) :: apart
 
     ended = .true.
-    call blur(f%curve, f%corrector, f%next)
+    call blur(f, f%next)
     if (.not. all(abs(f%next%x) <= f%curve%largest)) then
       branch%outcome = curve_overflow
       return
@@ -283,21 +287,28 @@ contains
   subroutine examine(f, again)
     type(follower_type), intent(inout) :: f
     logical, intent(out) :: again
-    real(wp) :: pushed(f%curve%n), own, moved
-    call f%sized%left_out(f%next%x, f%next%p, pushed, own)
+    real(wp) :: pushed(f%curve%n), short, own, moved, blurred
+    call f%sized%left_out(f%next%x, f%next%p, pushed, short, own)
     call truncation_shift(f%corrector, f%next, pushed, moved)
-    f%truncation = max(own, moved)
-    call f%sized%choose_size(f%next%x, f%truncation, own, again)
+    f%truncation = max(own, short*moved)
+    f%rounding = 0.0_wp
+    if (f%truncation > f%options%tolerance) then
+      call rounding_of(f%curve, f%corrector, f%next, blurred, all_patterns)
+      if (moved <= as_rounding*blurred) then
+        f%rounding = max(moved, blurred)
+        f%truncation = max(own, f%rounding)
+      end if
+    end if
+    call f%sized%choose_size(f%next%x, f%truncation, own, f%rounding, again)
   end subroutine examine
 
   !> What rounding leaves of a point just corrected.
-  subroutine blur(curve, corrector, point)
-    class(curve_type), intent(inout) :: curve
-    type(corrector_type), intent(inout) :: corrector
+  subroutine blur(f, point)
+    type(follower_type), intent(inout) :: f
     type(curve_point), intent(inout) :: point
     real(wp) :: moved
-    call rounding_of(curve, corrector, point, moved)
-    point%error = max(point%error, moved)
+    call rounding_of(f%curve, f%corrector, point, moved)
+    point%error = max(point%error, moved, f%rounding)
   end subroutine blur
 
   !> Go on with the number of unknowns chosen.
@@ -410,7 +421,7 @@ contains
       call locate_value(f%curve, f%corrector, f%here, from, to, last, f%stop_point, at, made)
       if (.not. made) return
       f%places = [f%places, at]
-      call blur(f%curve, f%corrector, f%stop_point)
+      call blur(f, f%stop_point)
       call branch%add(f%stop_point, .true., f%truncation)
     end do
   end subroutine add_stops
@@ -426,7 +437,7 @@ contains
     call locate_value(f%curve, f%corrector, f%here, 0.0_wp, f%step, end, f%next, at, made)
     branch%outcome = merge(outcome, curve_stuck, made)
     if (.not. made) return
-    call blur(f%curve, f%corrector, f%next)
+    call blur(f, f%next)
     call record_events(f, branch, at)
     if (branch%n_points < f%options%max_points) then
       call branch%add(f%next, at_stop(f, f%next%p), f%truncation)
@@ -449,7 +460,7 @@ contains
     call correct(f%curve, f%corrector, upright, 0.0_wp, f%next, made, .true.)
     if (.not. made) return
     branch%outcome = curve_completed
-    call blur(f%curve, f%corrector, f%next)
+    call blur(f, f%next)
     f%next%p = f%options%finish
     if (f%next%slope_p*f%sign_wanted < 0.0_wp) call reverse(f%next)
     if (branch%n_points < f%options%max_points) then

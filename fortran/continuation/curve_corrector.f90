@@ -16,7 +16,7 @@ module viscovib_curve_corrector
   private
 
   public :: corrector_type, new_corrector, aim, correct, null_vector, truncation_shift, compare, &
-            rounding_of
+            rounding_of, all_patterns
 
   integer, parameter :: max_iterations = 12, longest = 8
   !> With the factors kept, corrections must shrink by this each time.
@@ -42,6 +42,8 @@ module viscovib_curve_corrector
   !> Pivots in so wide a range may let rounding move a solution by more than the tolerance;
   !! the largest of so many ulps tells how far.
   real(wp), parameter :: wide = 1.0e-5_wp, ulps = 4.0_wp
+  !> Ways to change unknowns by ulps: what one of them moves little another does not.
+  integer, parameter :: all_patterns = 6
 
   !> What the corrector works in, and whether it last met the end of the range.
   type, extends(curve_metric) :: corrector_type
@@ -209,7 +211,9 @@ contains
           end if
           fresh = .false.
         else
-          fresh = .not. fresh
+          ! After factors from elsewhere that did not serve, a small correction by them would tell
+          ! nothing of what is left.
+          fresh = .true.
         end if
       else
         fresh = exact
@@ -425,23 +429,32 @@ contains
                  10.0_wp*c%tolerance*max(abs(next%p), 0.1_wp*c%p_scale))
   end subroutine compare
 
-  !> How far rounding moves a solution where the derivatives factorized last are nearly
-  !! singular, relative to its size: what residuals an ulp apart tell; 0 elsewhere.
-  subroutine rounding_of(curve, c, point, moved)
+  !> How far rounding moves a solution relative to its size: what residuals an ulp apart tell.
+  !! Where the derivatives factorized last are not nearly singular it is 0, unless patterns are
+  !! given.
+  subroutine rounding_of(curve, c, point, moved, patterns)
     class(curve_type), intent(inout) :: curve
     type(corrector_type), intent(inout) :: c
     type(curve_point), intent(in) :: point
     real(wp), intent(out) :: moved
+    !> How many ways to look at, `all_patterns` at most.
+    integer, intent(in), optional :: patterns
+    real(wp) :: one
     logical :: inside
-    integer :: i
+    integer :: i, k, n_ways
 
     moved = 0.0_wp
-    if (.not. c%nearly_singular) return
-    call curve%residual(point%x, point%p, c%r, inside)
-    if (.not. inside) return
-    call curve%residual([(point%x(i)*(1.0_wp + ulps*(mod(i, 3) - 1)*epsilon(1.0_wp)), &
-                          i=1, c%n)], point%p, c%slope_p, inside)
-    if (inside) call truncation_shift(c, point, c%slope_p - c%r, moved)
+    n_ways = merge(1, 0, c%nearly_singular)
+    if (present(patterns)) n_ways = patterns
+    do k = 0, n_ways - 1
+      call curve%residual(point%x, point%p, c%r, inside)
+      if (.not. inside) return
+      call curve%residual([(point%x(i)*(1.0_wp + ulps*(mod((1 + k/3)*i + k, 3) - 1) &
+                                        *epsilon(1.0_wp)), i=1, c%n)], point%p, c%slope_p, inside)
+      if (.not. inside) return
+      call truncation_shift(c, point, c%slope_p - c%r, one)
+      moved = max(moved, one)
+    end do
   end subroutine rounding_of
 
   !> The direction across the branch: null vector of the bordered matrix, by inverse

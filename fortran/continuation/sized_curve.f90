@@ -23,24 +23,27 @@ module viscovib_sized_curve
   abstract interface
 
     !> What the unknowns left out do at a solution (x, p).
-    subroutine left_out_interface(self, x, p, pushed, own)
+    subroutine left_out_interface(self, x, p, pushed, short, own)
       import :: sized_curve_type, wp
       class(sized_curve_type), intent(inout) :: self
       !> Shape (n).
       real(wp), intent(in) :: x(:), p
-      !> Residuals they leave in the equations of those kept, shape (n).
-      real(wp), intent(out) :: pushed(:)
+      !> Residuals they leave in the equations of those kept, shape (n), and by what factor these
+      !! may fall short.
+      real(wp), intent(out) :: pushed(:), short
       !> Their size relative to x.
       real(wp), intent(out) :: own
     end subroutine left_out_interface
 
     !> How many unknowns to go on with, which `resize` brings about.
-    subroutine choose_interface(self, x, truncation, own, again)
+    subroutine choose_interface(self, x, truncation, own, rounding, again)
       import :: sized_curve_type, wp
       class(sized_curve_type), intent(inout) :: self
       real(wp), intent(in) :: x(:)
       !> What leaving unknowns out changes, relative to x, and from `left_out`.
       real(wp), intent(in) :: truncation, own
+      !> Below this no number of unknowns brings it.
+      real(wp), intent(in) :: rounding
       !> The point is to be solved again, with more.
       logical, intent(out) :: again
     end subroutine choose_interface

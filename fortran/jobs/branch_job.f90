@@ -120,7 +120,7 @@ contains
     type(extra_columns) :: extra
     integer, allocatable :: orders(:)
     integer, allocatable, target :: highest(:)
-    integer :: i, j, n, short
+    integer :: blurred, i, j, n, short
 
     call self%response_plan(subject, plan, status)
     if (status%failed()) return
@@ -138,12 +138,17 @@ contains
     call tabulate(self%varies, orders, highest, branch, stability, crossings, &
                   subject%coordinates(self%wanted), subject%units(self%wanted), extra, table)
     call sink%put(this_kind(), table, status)
-    short = count(branch%truncation(:branch%n_points) > branch%allowed)
+    associate (error => branch%error(:branch%n_points))
+      short = count(branch%truncation(:branch%n_points) > max(branch%allowed, error))
+      blurred = count(error > branch%allowed)
+    end associate
     report%complete = branch%outcome == curve_completed .and. short == 0
     report%summary = trim(curve_outcomes(branch%outcome))//', ' &
                      //things(branch%n_points, 'point')//', '//things(branch%folds%n, 'fold')
     if (short > 0) report%summary = report%summary//', '//things(short, 'point') &
                                     //' with too few harmonics'
+    if (blurred > 0) report%summary = report%summary//', '//things(blurred, 'point') &
+                                      //' of which rounding leaves more than the tolerance'
 
   contains
 

@@ -153,12 +153,12 @@ contains
     call self%balance%derivatives(self%system, jacobian)
   end subroutine equations
 
-  subroutine left_out(self, x, p, pushed, own)
+  subroutine left_out(self, x, p, pushed, short, own)
     class(oscillator_curve_type), intent(inout) :: self
     real(wp), intent(in) :: x(:), p
-    real(wp), intent(out) :: pushed(:), own
+    real(wp), intent(out) :: pushed(:), short, own
     real(wp) :: motion(self%n/self%blocks, self%blocks), push(self%n/self%blocks, self%blocks)
-    real(wp) :: change(2*self%ladder%n_orders(self%ladder%probe_of(self%rung)), self%blocks), short
+    real(wp) :: change(2*self%ladder%n_orders(self%ladder%probe_of(self%rung)), self%blocks)
 
     associate (by_frequency => self%vary == vary_frequency, &
                probe => self%ladder%rungs(self%ladder%probe_of(self%rung)))
@@ -169,19 +169,20 @@ contains
       call find_left_out(probe%balance, probe%compliance, self%system, motion, change, push, own, &
                          short)
     end associate
-    pushed = short*reshape(push, [self%n])
+    pushed = reshape(push, [self%n])
   end subroutine left_out
 
   !> As `choose_orders` does at one frequency.
-  subroutine choose_size(self, x, truncation, own, again)
+  subroutine choose_size(self, x, truncation, own, rounding, again)
     class(oscillator_curve_type), intent(inout) :: self
-    real(wp), intent(in) :: x(:), truncation, own
+    real(wp), intent(in) :: x(:), truncation, own, rounding
     logical, intent(out) :: again
     real(wp) :: motion(self%n/self%blocks, self%blocks), allowed
 
     again = .false.
     motion = reshape(x, shape(motion))
-    allowed = self%ladder%allowed(self%tolerance, weighted_norm(self%system, motion))
+    allowed = max(rounding, &
+                  self%ladder%allowed(self%tolerance, weighted_norm(self%system, motion)))
     if (truncation > allowed .and. self%rung < self%ladder%n_rungs) then
       if (truncation > 0.5_wp*self%previous .and. own <= allowed) self%vain = self%vain + 1
       again = self%vain < max_vain

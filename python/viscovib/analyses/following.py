@@ -288,9 +288,6 @@ def _branch(
         if (judged[:n] == -1).all() and not system._active_kernels:
             stability = None
     allowed = allowed[:n].copy()
-    _warn_above(
-        error[:n], allowed, tolerance, way.varies, p, "rounding leaves more than the tolerance"
-    )
     values, places, crossed = p[:n].copy(), branch_p[:n_branch], where[:n_crossings]
     motions = shown.absolute(coefficients[:n_used, :, :n], values)
     at_folds = shown.absolute(fold_coefficients[:n_used, :, :n_folds], folds[:n_folds])
@@ -340,13 +337,24 @@ def _branch(
         _allowed=allowed,
         _parts=Parts(system, shown.job[-2], shown.job[-1]),
     )
-    worst = int(branch.truncation.argmax())
+    stable = branch.stable
+    few, blurred = branch._few, branch.error > allowed
     _warn_above(
-        branch.truncation, allowed, tolerance, way.varies, p,
+        branch.error,
+        allowed,
+        tolerance,
+        way.varies,
+        p,
+        "rounding leaves more than the tolerance",
+        hanging(stable, blurred & ~few, "rounding decides"),
+    )
+    worst = int(np.where(few, branch.truncation, 0).argmax())
+    _warn_above(
+        np.where(few, branch.truncation, 0), allowed, tolerance, way.varies, p,
         f"harmonics up to {orders[-1]} do not reach the tolerance",
-        (falling(motions[worst]) if branch.truncation[worst] > allowed[worst] else "")
-        + hanging(branch.stable, branch.truncation > allowed)
-        + truncated_crossings([c.before for c in branch.crossings], branch.truncation > allowed),
+        (falling(motions[worst]) if few[worst] else "")
+        + hanging(stable, few)
+        + truncated_crossings([c.before for c in branch.crossings], few),
     )  # fmt: skip
     advice = ""
     if branch.outcome == "stuck":

@@ -40,12 +40,16 @@ def stability_columns(
     return columns
 
 
-def hanging(stable: npt.NDArray[Any] | None, few: npt.NDArray[np.bool_]) -> str:
+def hanging(
+    stable: npt.NDArray[Any] | None,
+    few: npt.NDArray[np.bool_],
+    cause: str = "the harmonics left out decide",
+) -> str:
     """Say of how many motions with too ``few`` harmonics stability is unknown, if of any."""
     n = 0 if stable is None else sum(s is None for s in stable[few])
     if not n:
         return ""
-    return f"; stability of {n} of these is unknown, for the harmonics left out decide it"
+    return f"; stability of {n} of these is unknown, for {cause} it"
 
 
 def truncated_crossings(before: Sequence[int], few: npt.NDArray[np.bool_]) -> str:

@@ -167,8 +167,23 @@ class Branch(PeriodicMotions, Curve):
         ]
 
     def _lacking(self) -> str:
-        short = int((self.truncation > self._allowed).sum())
-        return f", {things(short, 'point')} with too few harmonics" if short else ""
+        short, blurred = (int(which.sum()) for which in (self._few, self.error > self._allowed))
+        words = f", {things(short, 'point')} with too few harmonics" if short else ""
+        if blurred:
+            words += (
+                f", {things(blurred, 'point')} of which rounding leaves more than the tolerance"
+            )
+        return words
+
+    @property
+    def _few(self) -> npt.NDArray[np.bool_]:
+        """Points that more harmonics would bring nearer: not those that rounding keeps away."""
+        return np.asarray(self.truncation > np.maximum(self._allowed, self.error))
+
+    @property
+    def complete(self) -> bool:  # type: ignore[override]
+        """Whether all of the branch was followed, with enough harmonics."""
+        return self.outcome == "completed" and not self._few.any()
 
     def _motions(self) -> tuple[FloatArray, npt.NDArray[Any], ComplexArray]:
         return self.nu, self.harmonics, self.coefficients
