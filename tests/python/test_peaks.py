@@ -234,3 +234,25 @@ def test_resonances_of_hardly_any_damping():
     met = vv.forced_response(vv.PolynomialSystem(mass=1, stiffness=1), [0.5, 0.9, 1.3], load=1)
     assert met.peak("x").amplitude == np.inf
     assert "inf" in met.summary()
+
+
+@pytest.mark.parametrize("method", ["linear", "successive", "newton", "branch"])
+def test_what_is_0_but_for_rounding_has_no_peak(method):
+    """The middle of three masses that move against each other; a linear one was sought for ever."""
+    rng = np.random.default_rng(5)
+    for cubic in (0, 0.3) if method == "linear" else (0.3, 0.1):
+        c, q = 10 ** rng.uniform(-3, -1), rng.uniform(0.3, 2)
+        k = np.array([[1 + q, -q, 0], [-q, 2 * q + 1, -q], [0, -q, 1 + q]])
+        forces = {name: f"{cubic}*{name}^3" for name in "ac"} if cubic else {}
+        chain = vv.PolynomialSystem(
+            mass=np.ones(3), stiffness=k, damping=c * k, names=list("abc"), forces=forces
+        )
+        load = {"a": c, "c": -c}
+        if method == "branch":
+            found = vv.trace_response(chain, (0.5, 2), load=load, stability=False)
+        else:
+            found = vv.forced_response(chain, np.linspace(0.5, 2, 40), load=load, method=method)
+        peak = found.peak("b", 1)
+        assert peak.amplitude < 1e-12
+        assert not peak.enclosed
+        assert found.peak("a", 1).enclosed

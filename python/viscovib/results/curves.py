@@ -18,7 +18,7 @@ from viscovib.common.results import Number, Panel, Result, named, span
 from viscovib.common.tables import listed
 from viscovib.common.values import Value
 from viscovib.errors import InputError, StabilityWarning, caller
-from viscovib.results.response import Peak, band_of, lowest_order, peaks
+from viscovib.results.response import Peak, band_of, lowest_order, only_rounding, peaks
 
 OUTCOMES = CURVE_OUTCOMES
 #: Folds, branch points and changes of stability that a branch keeps.
@@ -149,6 +149,10 @@ class Curve(Result):
         """Orders kept."""
         raise NotImplementedError
 
+    def _motions(self) -> tuple[FloatArray, npt.NDArray[Any], ComplexArray]:
+        """Frequencies, orders, and motions of shape (n, n_dof, m)."""
+        raise NotImplementedError
+
     def _lacking(self) -> str:
         """Return words about harmonics that lack, if some do."""
         raise NotImplementedError
@@ -216,7 +220,7 @@ class Curve(Result):
         What is small in the motion may have a resonance of its own between two points, which is
         found where the slopes at both tell of it (of a structure along frequencies).
         ``band`` limits the search to values of `parameter`. Not `enclosed` at an end of the
-        branch or of the band.
+        branch or of the band, nor where the component is 0 but for rounding of the others.
         """
         amplitude = self.amplitude(dof, harmonic)
         low, high = (-np.inf, np.inf) if band is None else band_of(band)
@@ -227,7 +231,7 @@ class Curve(Result):
         ends = max(low, self.parameter.min()), min(high, self.parameter.max())
         place = float(self.parameter[i]), float(amplitude[i])
         summit = None
-        if ends[0] < ends[1]:
+        if ends[0] < ends[1] and not only_rounding(amplitude[inside], self._motions()[2][inside]):
             d, j = self._place(dof, harmonic)
             found = [self._summit(i, d, j, *ends)]
             found += [self._summit_between(way, d, j) for way in one_way(self.parameter, inside)]

@@ -32,6 +32,8 @@ MAX_SEARCH = 3e9
 _HALVINGS = 24
 #: Parts by which sizes in a short interval about a summit differ at most, and the shortest one.
 _FLAT, _SHORTEST = 1e-6, 1e-15
+#: A few last digits of a frequency; what is no more than this part of a motion is rounding of it.
+_ULPS, _NOTHING = 1e-15, 1e-13
 #: At a quarter and three quarters, of a parabola by its ends and its middle.
 _PARABOLA = np.array([[3, 6, -1], [-1, 6, 3]]) / 8
 
@@ -190,8 +192,9 @@ class Response(PeriodicMotions, Result):
         branch of one is followed through all summits on its way: the amplitude holds to the
         tolerance, on coarse grids too. A jump is no summit, and motions
         beyond it belong to another branch: if the largest amplitude stands there, it is that of a
-        motion found, and not ``enclosed``. Of a linear response it is inf where a resonance is
-        undamped, or narrower than rounding of its frequency.
+        motion found, and not ``enclosed``, as is that of a component which is 0 but for rounding
+        of the others. Of a linear response it is inf where a resonance is undamped, or narrower
+        than rounding of its frequency.
         """
         inside = self.converged
         if band is not None:
@@ -204,7 +207,7 @@ class Response(PeriodicMotions, Result):
         _, first = np.unique(self.nu[places], return_index=True)
         places = places[first]
         summit = None
-        if places.size > 1:
+        if places.size > 1 and not only_rounding(amplitude[places], self.coefficients[places]):
             j = int(np.flatnonzero(self.harmonics == harmonic)[0])
             summit = self._summit(places, self._dof(dof), j)
         i = int(np.where(inside, amplitude, -1.0).argmax())
@@ -507,6 +510,15 @@ def peaks(value: Any, at: str = "rad/s") -> dict[str, Number]:
     return found
 
 
+def only_rounding(amplitude: FloatArray, motions: ComplexArray) -> bool:
+    """Whether a component is nowhere more than rounding of the largest in a motion.
+
+    Motions of shape (n, n_dof, m).
+    """
+    largest = np.nanmax(np.abs(motions), axis=(1, 2))
+    return bool((amplitude <= _NOTHING * largest).all())
+
+
 def band_of(band: object) -> tuple[float, float]:
     """From and to of a band."""
     try:
@@ -531,6 +543,9 @@ def _between_modes(sizes: Callable[[FloatArray], FloatArray], nu: FloatArray) ->
             for form in (squares, 1 / squares):
                 told = _PARABOLA @ form[::2]
                 rough &= (np.abs(told - form[1::2]) > 0.1 * form[1::2]).any(axis=0)
+        # What changes with the last digits of the frequency is rounding of other components.
+        beside = sizes((at[:, rough] * (1 + _ULPS)).ravel()).reshape(5, -1) ** 2
+        rough[rough] = (np.abs(beside - squares[:, rough]) > 0.1 * beside).sum(axis=0) < 3
         if not rough.any():
             break
         middle = at[2, rough]
@@ -566,5 +581,9 @@ def _linear_summit(
     middle = 0.5 * (low + high)
     found = np.nan_to_num(sizes(middle), nan=np.inf)
     found[~flat] = np.inf
+    largest = np.abs(response._linear_motions(middle)).max(axis=(1, 2))
+    found[found <= _NOTHING * largest] = -np.inf
+    if not (found > 0).any():
+        return None
     best = int(found.argmax())
     return float(middle[best]), float(found[best])
