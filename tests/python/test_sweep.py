@@ -101,6 +101,22 @@ def test_a_scene_over_a_grid_is_the_scene_with_its_keys_changed():
         ("system", "load.amplitude", "N"), ("system", "transient.initial(2)", "m/s"),
         ("angle", "load.amplitude", "N m"), ("other", "load.amplitude", ""),
         ("angle", "backbone.to", "rad"), ("other", "response.nu_to", "rad/s"),
+        ("angle", "system.stiffness(4)", "N m"), ("angle", "system.stiffness(2)", "N"),
+        ("pendulum", "ensemble.t_end", "1/omega_1"), ("pendulum", "ensemble.discard", ""),
+        ("pendulum", "ensemble.from", "omega_1"),
+        ("pendulum", "ensemble.initial(4)", "rad omega_1"),
+        ("pendulum", "multiple_scales.from", "omega_1"), ("pendulum", "branch.to", ""),
+        ("mount", "ensemble.discard", "s"), ("mount", "branch.from", "kg"),
+        ("mount", "multiple_scales.to", "rad/s"), ("mount", "response.atol", ""),
+        ("beam", "load.amplitude", "N"), ("beam", "load(2).amplitude", "N m"),
+        ("beam", "load(2).phase", "rad"), ("beam", "element.stiffness", "N/m"),
+        ("beam", "element.damping", "N s/m"), ("beam", "element(2).stiffness", "N m"),
+        ("beam", "element(3).stiffness", ""), ("beam", "structure.mass(1)", "kg"),
+        ("beam", "structure.stiffness(2)", "N"), ("beam", "structure.damping(4)", "N m s"),
+        ("beam", "structure.modal_damping", ""), ("beam", "transient.initial(4)", "rad/s"),
+        ("beam", "parameters.k3", ""), ("file", "load.amplitude", "N"),
+        ("file", "element.stiffness", "N/m"), ("file", "layer.stiffness(1)", "N/m"),
+        ("body", "mount_point(1).stiffness(2)", "N/m"), ("body", "load.amplitude", "N m"),
     ],
 )  # fmt: skip
 def test_units_are_those_of_the_system(system, key, unit):
@@ -110,12 +126,36 @@ def test_units_are_those_of_the_system(system, key, unit):
         "pendulum": {"pendulum": {"e": 0.1}},
         "system": {"system": {"coordinates": ["a", "b"]}, "load": [{"on": "b"}]},
         "angle": {
-            "system": {"coordinates": ["a", "b"], "units": ["m", "rad"]},
+            "system": {"coordinates": ["a", "b"], "units": ["m", "rad"], "stiffness": 4 * [1.0]},
             "load": [{"on": "b"}],
             "backbone": {"dof": "b"},
         },
         "other": {"system": {"coordinates": "q", "units": "V"}, "load": [{}]},
-    }[system]
+        "beam": {
+            "structure": {
+                "mass": [1.0, 0.1], "stiffness": [2.0, 1.0, 1.0, 3.0], "damping": 4 * [0.0],
+                "coordinates": ["x1", "x2"], "units": ["m", "rad"],
+            },
+            "load": [{"on": "x1"}, {"on": "x2"}],
+            "element": [{"on": "x1"}, {"on": "x2"}, {"on": ["x1", "x2"]}],
+        },
+        "file": {
+            "structure": {
+                "mass": "m.mtx", "stiffness": "k.mtx", "coordinates": ["x3", "x15"],
+                "units": ["m", "m"],
+            },
+            "load": [{"on": "x15"}],
+            "element": [{"on": ["x3", "x15"]}], "layer": [{"stiffness": [1.0]}],
+        },
+        "body": {
+            "body": {"mass": 1.0}, "load": [{"on": "ry"}],
+            "mount_point": [{"name": "a", "track": [0, 0, 0]}],
+        },
+    }[system]  # fmt: skip
+    if system == "pendulum":
+        groups |= {"ensemble": {"vary": "p1", "n_periods": 9}, "branch": {"parameter": "f0"}}
+    if system == "mount":
+        groups |= {"branch": {"vary": "mass"}}
     if "mount" in groups:
         groups = groups | {"kernel": [{"kind": "rzhanitsyn"}]}
     assert unit_of(groups, key) == unit

@@ -26,7 +26,14 @@ _MATRICES = {
     "damping": {("m", "m"): "N s/m", ("m", "rad"): "N s", ("rad", "rad"): "N m s"},
     "stiffness": {("m", "m"): "N/m", ("m", "rad"): "N", ("rad", "rad"): "N m"},
 }
+#: Parts of an element, by the unit of its deflection.
+_ELEMENTS = {
+    unit: {entry: found[unit, unit] for entry, found in _MATRICES.items() if entry != "mass"}
+    for unit in ("m", "rad")
+}
 _TIMES = ("t_end", "dt", "discard")
+#: Groups that have a start.
+_STARTS = ("transient", "ensemble", "basins")
 _FREQUENCIES = ("nu", "nu_from", "nu_to", "p1", "p2", "p3")
 
 
@@ -41,14 +48,18 @@ def unit_of(groups: Mapping[str, Any], key: str) -> str:
         return ""
     group, which, entry, element = form[1], int(form[2] or 1), form[3], int(form[4] or 1)
     pendulum = bool(groups.get("pendulum"))
+    found = groups.get(group) or {}
+    several = found if isinstance(found, list) else [found]
+    own = several[which - 1] if 1 <= which <= len(several) else {}
+    if entry == "discard" and "n_periods" in own:
+        return ""
     if entry in _TIMES:
         return "1/omega_1" if pendulum else "s"
     if entry in _FREQUENCIES:
         return "omega_1" if pendulum else "rad/s"
-    found = groups.get(group) or {}
-    several = found if isinstance(found, list) else [found]
-    own = several[which - 1] if 1 <= which <= len(several) else {}
-    if entry in _MATRICES and group in ("mount", "system", "spring"):
+    if group == "element":
+        return _element_unit(groups, own, entry)
+    if entry in _MATRICES and group in ("mount", "system", "spring", "structure", "layer"):
         return _matrix_unit(_coordinates(groups)[0], own.get(entry), entry, element)
     if group == "mount":
         return _MOUNT.get(entry, "")
@@ -62,7 +73,7 @@ def unit_of(groups: Mapping[str, Any], key: str) -> str:
     if group == "load":
         return _load_unit(groups, own, entry)
     coordinates, rates = _coordinates(groups)
-    if group == "transient" and entry == "initial" and element <= 2 * len(coordinates):
+    if group in _STARTS and entry == "initial" and element <= 2 * len(coordinates):
         return (coordinates, rates)[(element - 1) % 2][(element - 1) // 2]
     if group == "transient" and entry == "held" and element <= len(coordinates):
         return coordinates[element - 1]
@@ -80,6 +91,15 @@ def _matrix_unit(units: list[str], values: Any, entry: str, element: int) -> str
         return ""
     first, second = sorted((units[row], units[column]))
     return _MATRICES[entry].get((first, second), "")
+
+
+def _element_unit(groups: Mapping[str, Any], own: Mapping[str, Any], entry: str) -> str:
+    """Return the unit of a part of an element on coordinates of one unit."""
+    names, (units, _) = _names(groups), _coordinates(groups)
+    on = own.get("on", [])
+    on = on if isinstance(on, list) else [on]
+    found = {units[names.index(name)] if name in names else "" for name in on}
+    return _ELEMENTS.get(found.pop(), {}).get(entry, "") if len(found) == 1 else ""
 
 
 def _kernel_unit(kernel: Mapping[str, Any], entry: str) -> str:
@@ -114,8 +134,12 @@ def _load_unit(groups: Mapping[str, Any], load: Mapping[str, Any], entry: str) -
 def _end_unit(
     groups: Mapping[str, Any], group: str, own: Mapping[str, Any], coordinates: list[str]
 ) -> str:
-    if group == "branch":
-        return _MOUNT.get(str(own.get("vary", "")), "") if groups.get("mount") else ""
+    varied = str(own.get("vary", own.get("parameter", "")))
+    if group in ("branch", "ensemble", "multiple_scales"):
+        pendulum = bool(groups.get("pendulum"))
+        if varied in _FREQUENCIES or (not varied and group != "ensemble"):
+            return "omega_1" if pendulum else "rad/s"
+        return _MOUNT.get(varied, "") if groups.get("mount") else ""
     if group != "backbone" or own.get("parameter", "amplitude") != "amplitude":
         return ""
     names = _names(groups)
@@ -131,7 +155,7 @@ def _names(groups: Mapping[str, Any]) -> list[str]:
         return ["z", "phi", "psi"]
     if groups.get("body"):
         return list(coordinates_of(groups["mount_point"]))
-    found = (groups.get("system") or {}).get("coordinates", "x")
+    found = (groups.get("system") or groups.get("structure") or {}).get("coordinates", "x")
     return list(found) if isinstance(found, list) else [found]
 
 
@@ -145,7 +169,7 @@ def _coordinates(groups: Mapping[str, Any]) -> tuple[list[str], list[str]]:
     if groups.get("body"):
         units = [*3 * ["m"], *3 * ["rad"], *(len(names) - 6) * ["m"]]
         return units, [f"{unit}/s" for unit in units]
-    told = (groups.get("system") or {}).get("units", "m")
+    told = (groups.get("system") or groups.get("structure") or {}).get("units", "m")
     listed = list(told) if isinstance(told, list) else [told] * len(names)
     listed += [""] * (len(names) - len(listed))
     return listed, [f"{unit}/s" if unit else "" for unit in listed]
