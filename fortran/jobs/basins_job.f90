@@ -166,7 +166,7 @@ contains
       call subject%pendulum%natural_modes(omega, shapes)
       fastest = max(maxval(omega), maxval(subject%pendulum%drives))
     else
-      call new_polynomial_motion(motion, subject%polynomial, subject%load, self%nu, status)
+      call new_polynomial_motion(motion, subject%polynomial, subject%load, 0.0_wp, status)
       fastest = 0.0_wp
       if (.not. status%failed()) fastest = max(motion%fastest(), self%nu)
     end if

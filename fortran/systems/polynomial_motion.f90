@@ -495,7 +495,8 @@ contains
   !! steps begin with.
   pure real(wp) function fastest(self)
     class(polynomial_motion_type), intent(in) :: self
-    fastest = max(self%linear_rate, maxval([self%orders, 0])*self%drives(1))
+    fastest = max(self%linear_rate, self%drives(1) &
+                  *maxval([self%orders, 0], [any(abs(self%load) > 0.0_wp, 1), .true.]))
   end function fastest
 
 end module viscovib_polynomial_motion

@@ -115,6 +115,13 @@ MORE = {
 &spectrum coordinates='psi' window='flat_top' discard=5 /
 """,
 }
+# Steps begin by the highest order of the load.
+for order in 2, 7:
+    MORE[f"order {order}"] = (
+        "&system coordinates='a', mass=1, stiffness=0.5, damping=0.03 /\n&force law='0.2*a^3' /\n"
+        f"&load amplitude=0.1, order={order} /\n&load amplitude=0, order=9 /\n"
+        "&transient initial=-0.5 -0.2, t_end=8, nu=1.1, tolerance=1e-8 /\n"
+    )
 #: Each option of curves reaches both.
 FOLDED = MORE.pop("folded")
 MORE |= {name: FOLDED.format(f"{name}={one.other!r}") for name, one in OPTIONS.items()}
