@@ -238,3 +238,24 @@ def test_rates_in_laws_with_a_kernel_damp_and_drive():
         for one in system, same:
             linear = vv.forced_response(one, [nu], load=push, method="linear")
             assert linear.coefficients[0, :, 0] == pytest.approx(found, rel=1e-12)
+
+
+def test_real_roots_side_by_side():
+    """Of a stiffness that is not symmetric both of a pair nearer than 3 % were missed."""
+    rng = np.random.default_rng(3)
+    for _ in range(12):
+        n, c = int(rng.integers(2, 4)), rng.uniform(0, 0.3)
+        weight, rate = rng.uniform(0.05, 0.6), rng.uniform(0.3, 3)
+        first = -rng.uniform(0.2, 2)
+        own = [first, first * (1 + 10 ** rng.uniform(-6, -1)), *rng.uniform(0.5, 3, n - 2)]
+        turn = rng.normal(size=(n, n))
+        k = turn @ np.diag(own) @ np.linalg.inv(turn)
+        system = vv.PolynomialSystem(
+            mass=np.ones(n), stiffness=k, damping=c * np.ones(n), names=list("abc")[:n],
+            kernel=vv.PronyKernel(weights=[weight], rates=[rate]),
+        )  # fmt: skip
+        # Each mode of K by itself: (s^2 + c s)(s + r) + w (s + r - weight) = 0.
+        roots = [np.roots([1, c + rate, c * rate + w, w * (rate - weight)]) for w in own]
+        true = [s.real for s in np.concatenate(roots) if abs(s.imag) < 1e-12 and s.real > 1e-9]
+        found = system.characteristic_roots().real
+        assert found == pytest.approx(sorted(true, reverse=True), rel=1e-8)

@@ -257,7 +257,7 @@ class _System:
 
     def real(self) -> FloatArray:
         """Zeros of the eigenvalues of D along the real axis, where it is symmetric as a rule."""
-        from scipy.optimize import brentq
+        from scipy.optimize import brentq, minimize_scalar
 
         if not self.remembers:
             roots = self.without_memory()
@@ -283,10 +283,23 @@ class _System:
         values = eigenvalue(grid, slice(None))
         found = []
         for j in range(values.shape[1]):
-            for i in np.flatnonzero(values[1:, j] * values[:-1, j] < 0):
-                root = brentq(
-                    eigenvalue, grid[i], grid[i + 1], (j,), xtol=1e-300, rtol=1e-14, maxiter=2000
-                )
+            signs, sizes = np.sign(values[:, j]), np.abs(values[:, j])
+            places = np.flatnonzero(signs[1:] * signs[:-1] < 0)
+            between = [(float(grid[i]), float(grid[i + 1])) for i in places]
+            # Of two roots side by side the lowest value between has another sign.
+            dips = (sizes[1:-1] < sizes[:-2]) & (sizes[1:-1] < sizes[2:])
+            dips &= (signs[1:-1] == signs[:-2]) & (signs[1:-1] == signs[2:])
+            for i in np.flatnonzero(dips) + 1:
+                low, high = float(grid[i - 1]), float(grid[i + 1])
+                least = minimize_scalar(
+                    lambda s, side, j: side * eigenvalue(float(s), j),
+                    bounds=(low, high), args=(signs[i], j), method="bounded",
+                    options={"xatol": 1e-12 * abs(grid[i])},
+                )  # fmt: skip
+                if least.fun < 0:
+                    between += [(low, float(least.x)), (float(least.x), high)]
+            for ends in between:
+                root = brentq(eigenvalue, *ends, (j,), xtol=1e-300, rtol=1e-14, maxiter=2000)
                 found.append(float(root))
         return np.array(sorted(found, reverse=True))
 
