@@ -151,7 +151,8 @@ contains
     end if
     if (allocated(response%stability%stable)) then
       call table%note('stable: 1: stable, 0: not, -1: unknown')
-      call table%add_integers('stable', response%stability%stable)
+      ! Why it is unknown is no part of the table.
+      call table%hold_integers('stable', max(response%stability%stable, -1))
     end if
     do d = 1, size(response%coefficients, 2)
       do k = 1, size(response%orders)
