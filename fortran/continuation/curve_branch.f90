@@ -292,7 +292,8 @@ contains
     call truncation_shift(f%corrector, f%next, pushed, moved)
     f%truncation = max(own, short*moved)
     f%rounding = 0.0_wp
-    if (f%truncation > f%options%tolerance) then
+    ! Of what is hardly there the push may be rounding.
+    if (f%truncation > f%options%tolerance .and. own <= f%options%tolerance) then
       call rounding_of(f%curve, f%corrector, f%next, blurred, all_patterns)
       if (moved <= as_rounding*blurred) then
         f%rounding = max(moved, blurred)
