@@ -43,6 +43,66 @@ subroutine law_compile(text, arguments, n_arguments, names, n_names, values, max
   call report(outcome, status)
 end subroutine law_compile
 
+!> Compile a law for n sets of values of its parameters, as `law_compile` does for one; slopes: its
+!! derivatives where all arguments are 0; flaws(i) /= 0: with values i there is no such law, or it
+!! has no value on all sides of rest, or is longer than the room given.
+subroutine law_compile_many(text, arguments, n_arguments, names, near, max_code, values, n_names, &
+                            n, code, number, n_code, parity, degree, slopes, flaws, status)
+  use, intrinsic :: iso_c_binding, only: c_double, c_int
+  use viscovib_binding_tools, only: report
+  use viscovib_law_program, only: law_program, wall
+  use viscovib_law_text, only: compile_law
+  use viscovib_status, only: set_ok, status_type
+  implicit none
+  character(len=*), intent(in) :: text, arguments, names
+  integer(c_int), intent(in) :: n_arguments, n_names, n, max_code
+  !> How near to rest it must have a value.
+  real(c_double), intent(in) :: values(n_names, n), near
+  integer(c_int), intent(out) :: code(max_code, n), n_code(n), parity(n), degree(n), flaws(n)
+  integer(c_int), intent(out) :: status
+  real(c_double), intent(out) :: number(max_code, n), slopes(n_arguments, n)
+  !f2py threadsafe
+  character(len=64) :: argument_names(n_arguments), parameter_names(n_names)
+  character(len=:), allocatable :: fault
+  real(c_double) :: at(2*n_arguments + 1, n_arguments), value(2*n_arguments + 1)
+  real(c_double) :: rest(1), by(1, n_arguments)
+  type(law_program) :: law
+  type(status_type) :: outcome
+  integer :: i, k
+
+  call set_ok(outcome)
+  code = 0
+  number = 0.0_c_double
+  n_code = 0
+  slopes = 0.0_c_double
+  flaws = 0
+  at = 0.0_c_double
+  do i = 1, n_arguments
+    argument_names(i) = arguments(64*i - 63:64*i)
+    at(1 + i, i) = near
+    at(1 + n_arguments + i, i) = -near
+  end do
+  do i = 1, n_names
+    parameter_names(i) = names(64*i - 63:64*i)
+  end do
+  do i = 1, n
+    call compile_law(text, argument_names, parameter_names, values(:, i), law, parity(i), &
+                     degree(i), fault)
+    flaws(i) = 1
+    if (fault /= '') cycle
+    k = size(law%code)
+    if (k > max_code) cycle
+    n_code(i) = k
+    code(:k, i) = law%code
+    number(:k, i) = law%number
+    call law%evaluate(at, value)
+    call law%differentiate(at(:1, :), rest, by)
+    slopes(:, i) = by(1, :)
+    if (all(abs(value) < wall) .and. all(abs(by) < wall)) flaws(i) = 0
+  end do
+  call report(outcome, status)
+end subroutine law_compile_many
+
 !> A law and its derivatives at n samples of its arguments.
 subroutine law_values(code, number, n_code, arguments, n, n_arguments, value, slopes)
   use, intrinsic :: iso_c_binding, only: c_double, c_int

@@ -47,6 +47,8 @@ module viscovib_driven_system
     !! see them.
     type(law_layers) :: layers
     logical :: in_parts = .false.
+    !> The layers of each lane, where forces differ; not allocated: the same in all.
+    type(law_layers), allocatable :: lane_layers(:)
     !> How many times as far as a polynomial follows what a layer depends on may go in a part.
     real(wp) :: thin = 1.0_wp
     !> The longest step of the runs of a search; those in shorter ones have parts as much shorter.

@@ -3,13 +3,14 @@
 !!
 !!   M u'' = s_load Im sum_k P_k exp(i k nu t) - s_damping C u' - s_stiffness K u - s_forces f(u),
 !!
-!! nu and the scales s differ from lane to lane.
+!! nu and the scales s differ from lane to lane, and with `take_lane` all other numbers.
 module viscovib_lane_motion
   use viscovib_dense, only: invert
   use viscovib_driven_system, only: differentiable_system_type, range_of_degree
   use viscovib_kinds, only: wp
   use viscovib_lanes, only: multiply_lanes, n_lanes, turn
   use viscovib_law_lanes, only: evaluate_term
+  use viscovib_law_program, only: put_number
   use viscovib_law_term, only: law_term
   use viscovib_load, only: load_type
   use viscovib_polynomial, only: highest_degree, monomial_type, multiply, polynomial_type
@@ -36,6 +37,8 @@ module viscovib_lane_motion
     complex(wp), allocatable, private :: plain_load(:, :)
   contains
     procedure :: set_scales
+    procedure :: differs_in_numbers
+    procedure :: take_lane
     procedure :: acceleration
     procedure :: tangent
     procedure :: potential
@@ -111,6 +114,63 @@ contains
     self%real_load(lane, :, :) = scales(of_load)*real(self%plain_load)
     self%load(lane, :, :) = scales(of_load)*aimag(self%plain_load)
   end subroutine set_scales
+
+  !> Whether another motion is of the same form, so that only what `take_lane` takes differs.
+  pure logical function differs_in_numbers(self, other) result(does)
+    class(lane_motion_type), intent(in) :: self
+    type(lane_motion_type), intent(in) :: other
+    logical, allocatable :: same(:)
+    integer :: i
+
+    does = self%n_dof == other%n_dof .and. size(self%monomials) == size(other%monomials) &
+           .and. size(self%laws) == size(other%laws) .and. size(self%orders) == size(other%orders)
+    if (.not. does) return
+    does = all(self%orders == other%orders)
+    do i = 1, size(self%monomials)
+      associate (own => self%monomials(i), its => other%monomials(i))
+        if (size(own%dof) /= size(its%dof)) does = .false.
+        if (does) does = all(own%dof == its%dof .and. own%power == its%power)
+      end associate
+    end do
+    do i = 1, size(self%laws)
+      associate (own => self%laws(i), its => other%laws(i))
+        if (size(own%program%code) /= size(its%program%code) &
+            .or. any(shape(own%arguments) /= shape(its%arguments))) does = .false.
+        if (.not. does) return
+        same = abs(own%program%number - its%program%number) <= 0.0_wp
+        does = all(own%program%code == its%program%code) &
+               .and. all(same .or. own%program%code == put_number) &
+               .and. all(abs(own%arguments - its%arguments) <= 0.0_wp) &
+               .and. all(abs(own%rates - its%rates) <= 0.0_wp)
+      end associate
+    end do
+  end function differs_in_numbers
+
+  !> The numbers of the first lane of another motion, of the same form.
+  subroutine take_lane(self, lane, other)
+    class(lane_motion_type), intent(inout) :: self
+    integer, intent(in) :: lane
+    type(lane_motion_type), intent(in) :: other
+    integer :: i
+
+    self%stiffness(lane, :, :) = other%stiffness(1, :, :)
+    self%damping(lane, :, :) = other%damping(1, :, :)
+    self%weights(lane, :, :) = other%weights(1, :, :)
+    self%law_weights(lane, :, :) = other%law_weights(1, :, :)
+    self%real_load(lane, :, :) = other%real_load(1, :, :)
+    self%load(lane, :, :) = other%load(1, :, :)
+    do i = 1, size(self%laws)
+      associate (program => self%laws(i)%program)
+        if (.not. allocated(program%of_lanes)) then
+          program%of_lanes = spread(program%number, 1, n_lanes)
+        end if
+        program%of_lanes(lane, :) = other%laws(i)%program%number
+      end associate
+    end do
+    if (.not. self%layers%exist()) return
+    if (.not. allocated(self%lane_layers)) allocate (self%lane_layers(n_lanes))
+    self%lane_layers(lane) = other%layers
+  end subroutine take_lane
 
   pure subroutine acceleration(self, q, v, drive, a)
     class(lane_motion_type), intent(in) :: self

@@ -88,25 +88,41 @@ contains
 
     ! Room on the stack: to ask for memory takes as long as some instructions.
     if (law%depth + 2 <= usual_depth) then
-      call run_lanes(size(law%code), law%code, law%number, arguments, usual_depth, x, outside)
+      call run_law(law, arguments, usual_depth, x, outside)
       value = x(:, 1)
     else
       allocate (deep(n_lanes, law%depth + 2), deep_outside(n_lanes, law%depth + 2))
-      call run_lanes(size(law%code), law%code, law%number, arguments, law%depth + 2, deep, &
-                     deep_outside)
+      call run_law(law, arguments, law%depth + 2, deep, deep_outside)
       value = deep(:, 1)
     end if
   end subroutine evaluate_lanes
 
+  !> With the numbers of all lanes, or with those of each.
+  pure subroutine run_law(law, arguments, m, x, outside)
+    type(law_program), intent(in) :: law
+    integer, intent(in) :: m
+    real(wp), intent(in) :: arguments(n_lanes, *)
+    real(wp), intent(inout) :: x(n_lanes, m)
+    logical, intent(inout) :: outside(n_lanes, m)
+
+    if (allocated(law%of_lanes)) then
+      call run_lanes(size(law%code), law%code, law%number, n_lanes, law%of_lanes, arguments, m, x, &
+                     outside)
+    else
+      call run_lanes(size(law%code), law%code, law%number, 1, law%number, arguments, m, x, outside)
+    end if
+  end subroutine run_law
+
   !> Most instructions of a law are a few sums and products, made here; with a number they take it
   !! as it is.
-  pure subroutine run_lanes(n, code, number, arguments, m, x, outside)
-    integer, intent(in) :: n, code(n), m
-    real(wp), intent(in) :: number(n), arguments(n_lanes, *)
+  pure subroutine run_lanes(n, code, number, width, put, arguments, m, x, outside)
+    integer, intent(in) :: n, code(n), width, m
+    !> What is put on the stack: in all lanes (a width of 1) or in each.
+    real(wp), intent(in) :: number(n), put(width, n), arguments(n_lanes, *)
     real(wp), intent(inout) :: x(n_lanes, m)
     !> Room for which lanes are beyond a domain, once any is.
     logical, intent(inout) :: outside(n_lanes, m)
-    real(wp) :: c
+    real(wp) :: c(n_lanes)
     integer :: i, l, next, top
     logical :: left
 
@@ -123,23 +139,27 @@ contains
       case (put_number)
         next = put_number
         if (i < n .and. top > 0) next = code(i + 1)
-        c = number(i)
+        if (width == 1) then
+          c = put(1, i)
+        else
+          c = put(:n_lanes, i)
+        end if
         i = i + 1
         select case (next)
         case (multiply)
           !GCC$ unroll 1
           do l = 1, n_lanes
-            x(l, top) = min(max(x(l, top)*c, -wall), wall)
+            x(l, top) = min(max(x(l, top)*c(l), -wall), wall)
           end do
         case (add)
           !GCC$ unroll 1
           do l = 1, n_lanes
-            x(l, top) = x(l, top) + c
+            x(l, top) = x(l, top) + c(l)
           end do
         case (subtract)
           !GCC$ unroll 1
           do l = 1, n_lanes
-            x(l, top) = x(l, top) - c
+            x(l, top) = x(l, top) - c(l)
           end do
         case default
           i = i - 1

@@ -34,6 +34,9 @@ module viscovib_law_program
     !> Instructions, and a number for each (of an argument its place).
     integer, allocatable :: code(:)
     real(wp), allocatable :: number(:)
+    !> What is put on the stack of each lane, where laws side by side differ in their numbers, shape
+    !! (n_lanes, n_code); it is then evaluated over lanes only. Not allocated: the same in all.
+    real(wp), allocatable :: of_lanes(:, :)
   contains
     procedure :: evaluate
     procedure :: differentiate
@@ -103,6 +106,7 @@ contains
                                   outside(:, top:))
       call step(self%code(i), self%number(i), arguments, size(value), size(slopes, 2), x(:, top:), &
                 dx(:, :, top:))
+      if (self%code(i) == put_number .and. allocated(self%of_lanes)) x(:, top) = self%of_lanes(:, i)
     end do
     value = x(:, 1)
     slopes = dx(:, :, 1)

@@ -59,8 +59,8 @@ contains
     known = .true.
     do i = 1, size(motions(1)%laws)
       associate (law => motions(1)%laws(i))
-        call series%program%add_law(law%program, law%arguments, law%rates, &
-                                    series%products(m + i), known)
+        call series%program%add_law(law%program, numbers_of(motions, i), law%arguments, &
+                                    law%rates, series%products(m + i), known)
       end associate
       if (.not. known) return
     end do
@@ -71,6 +71,25 @@ contains
       call furnish(motions(b), b, n, series%n_terms, series%room(series%first))
     end do
   end subroutine new_motion_series
+
+  !> Numbers that law i puts on its stack, in every lane; in idle blocks those of the first.
+  pure function numbers_of(motions, i) result(numbers)
+    type(lane_motion_type), intent(in) :: motions(:)
+    integer, intent(in) :: i
+    real(wp) :: numbers(n_wide, size(motions(1)%laws(i)%program%code))
+    integer :: b, first
+
+    do b = 1, n_blocks
+      first = n_lanes*(b - 1) + 1
+      associate (program => motions(merge(b, 1, b <= size(motions)))%laws(i)%program)
+        if (allocated(program%of_lanes)) then
+          numbers(first:first + n_lanes - 1, :) = program%of_lanes
+        else
+          numbers(first:first + n_lanes - 1, :) = spread(program%number, 1, n_lanes)
+        end if
+      end associate
+    end do
+  end function numbers_of
 
   !> The numbers of a block.
   pure subroutine furnish(motion, block, n, n_terms, terms)

@@ -1,5 +1,6 @@
 !> Programs of force laws, for motions given as power series in time (see `viscovib_series_terms`),
-!! from those for values: what an instruction needs twice is made once.
+!! from those for values: what an instruction needs twice is made once. Numbers may differ from lane
+!! to lane.
 module viscovib_series_program
   use viscovib_kinds, only: wp
   use viscovib_law_functions, only: add, divide, f_acos, f_acosh, f_asin, f_asinh, f_atan, &
@@ -8,6 +9,7 @@ module viscovib_series_program
   use viscovib_law_program, only: law_program
   use viscovib_series_terms, only: add_up, bend, grow, over, product_of, quotient, root, scale_up, &
     series_step, shift, square_of, stretch, take_number, take_off, turn
+  use viscovib_wide_series, only: n_wide
   implicit none
   private
 
@@ -15,7 +17,7 @@ module viscovib_series_program
 
   !> Largest powers made by products.
   integer, parameter :: highest_power = 32
-  real(wp), parameter :: half_pi = 1.57079632679489661923_wp
+  real(wp), parameter :: half_pi = 1.57079632679489661923_wp, no_number(n_wide) = 0.0_wp
 
   type :: series_program
     integer :: n_registers = 0
@@ -31,18 +33,20 @@ module viscovib_series_program
     procedure, private :: multiple
   end type series_program
 
-  !> What stands on the stack of a law: a register, or (0) a number that is known.
+  !> What stands on the stack of a law: a register, or (0) a number that is known, in each lane.
   type :: item_type
     integer :: register = 0
-    real(wp) :: number = 0.0_wp
+    real(wp) :: number(n_wide) = 0.0_wp
   end type item_type
 
 contains
 
   !> A law of coordinates and velocities, in registers 1 ... n and n + 1 ... 2 n.
-  subroutine add_law(self, law, by_q, by_v, result, known)
+  subroutine add_law(self, law, numbers, by_q, by_v, result, known)
     class(series_program), intent(inout) :: self
     type(law_program), intent(in) :: law
+    !> Those that it puts on its stack, shape (n_wide, n_code).
+    real(wp), intent(in) :: numbers(:, :)
     !> What its arguments are, shape (n_arguments, n_dof).
     real(wp), intent(in) :: by_q(:, :), by_v(:, :)
     !> The register of its value.
@@ -64,7 +68,7 @@ contains
       top = top - operands(law%code(i)) + 1
       select case (law%code(i))
       case (put_number)
-        stack(top) = item_type(0, law%number(i))
+        stack(top) = item_type(0, numbers(:, i))
       case (put_argument)
         stack(top) = arguments(nint(law%number(i)))
       case default
@@ -82,7 +86,7 @@ contains
       real(wp), intent(in) :: factor
       type(item_type) :: term
       if (.not. abs(factor) > 0.0_wp) return
-      term = self%multiple(item_type(register), factor)
+      term = self%multiple(item_type(register), in_all(factor))
       if (arguments(i)%register == 0) then
         arguments(i) = term
       else
@@ -100,7 +104,7 @@ contains
     type(item_type) :: value
     integer :: j
 
-    value = item_type(0, 1.0_wp)
+    value = item_type(0, in_all(1.0_wp))
     do j = 1, size(dof)
       value = self%combine(product_of, value, self%raised(item_type(dof(j)), power(j)))
     end do
@@ -111,14 +115,14 @@ contains
   type(item_type) function put(self, code, a, b, number) result(item)
     class(series_program), intent(inout) :: self
     integer, intent(in) :: code, a, b
-    real(wp), intent(in) :: number
+    real(wp), intent(in) :: number(n_wide)
     integer :: i
 
     do i = 1, size(self%steps)
       associate (step => self%steps(i))
         item%register = step%to
         if (step%code == code .and. step%a == a .and. step%b == b &
-            .and. abs(step%number - number) <= 0.0_wp) return
+            .and. all(abs(step%number - number) <= 0.0_wp)) return
       end associate
     end do
     item%register = self%n_registers + 1
@@ -149,11 +153,11 @@ contains
   type(item_type) function multiple(self, item, factor)
     class(series_program), intent(inout) :: self
     type(item_type), intent(in) :: item
-    real(wp), intent(in) :: factor
+    real(wp), intent(in) :: factor(n_wide)
     multiple = item
     if (item%register == 0) then
       multiple%number = factor*item%number
-    else if (abs(factor - 1.0_wp) > 0.0_wp) then
+    else if (any(abs(factor - 1.0_wp) > 0.0_wp)) then
       multiple = put(self, scale_up, item%register, 0, factor)
     end if
   end function multiple
@@ -166,15 +170,15 @@ contains
 
     if (code == take_off) then
       if (x%register > 0 .and. y%register > 0) then
-        item = put(self, take_off, x%register, y%register, 0.0_wp)
+        item = put(self, take_off, x%register, y%register, no_number)
       else
-        item = self%combine(add_up, x, self%multiple(y, -1.0_wp))
+        item = self%combine(add_up, x, self%multiple(y, in_all(-1.0_wp)))
       end if
     else if (x%register > 0 .and. y%register > 0) then
       if (code == product_of .and. x%register == y%register) then
-        item = put(self, square_of, x%register, 0, 0.0_wp)
+        item = put(self, square_of, x%register, 0, no_number)
       else
-        item = put(self, code, x%register, y%register, 0.0_wp)
+        item = put(self, code, x%register, y%register, no_number)
       end if
     else if (code == product_of) then
       if (x%register == 0) item = self%multiple(y, x%number)
@@ -182,8 +186,8 @@ contains
     else if (x%register + y%register == 0) then
       item%number = x%number + y%number
     else
-      item = put(self, shift, x%register + y%register, 0, merge(x%number, y%number, &
-                                                                x%register == 0))
+      item = put(self, shift, x%register + y%register, 0, &
+                 merge(x%number, y%number, x%register == 0))
     end if
   end function combine
 
@@ -220,7 +224,7 @@ contains
     case (square)
       x(1) = self%combine(product_of, x(1), x(1))
     case (negate)
-      x(1) = self%multiple(x(1), -1.0_wp)
+      x(1) = self%multiple(x(1), in_all(-1.0_wp))
     case default
       if (all(x(:operands(code))%register == 0)) then
         call of_numbers(code, number, x, known)
@@ -230,10 +234,10 @@ contains
       if (code == known_power) n = nint(2.0_wp*max(min(number, 1.0e3_wp), -1.0e3_wp))
       if (code == divide) then
         if (x(2)%register == 0) then
-          known = abs(x(2)%number) > 1.0_wp/wall
+          known = all(abs(x(2)%number) > 1.0_wp/wall)
           if (known) x(1) = self%multiple(x(1), 1.0_wp/x(2)%number)
         else
-          x(1) = put(self, quotient, self%register_of(x(1)), x(2)%register, 0.0_wp)
+          x(1) = put(self, quotient, self%register_of(x(1)), x(2)%register, no_number)
         end if
       else if (code == known_power) then
         known = abs(2.0_wp*number - n) <= 0.0_wp .and. n /= 0 .and. abs(n) <= 2*highest_power
@@ -252,12 +256,13 @@ contains
 
     item = x
     if (mod(n, 2) /= 0) then
-      item = self%raised(put(self, root, x%register, 0, 0.0_wp), abs(n))
+      item = self%raised(put(self, root, x%register, 0, no_number), abs(n))
     else
       item = self%raised(x, abs(n)/2)
     end if
     if (n < 0) then
-      item = put(self, quotient, self%register_of(item_type(0, 1.0_wp)), item%register, 0.0_wp)
+      item = put(self, quotient, self%register_of(item_type(0, in_all(1.0_wp))), item%register, &
+                 no_number)
     end if
   end function half_power
 
@@ -270,19 +275,19 @@ contains
 
     select case (code)
     case (f_sqrt)
-      x = put(self, root, x%register, 0, 0.0_wp)
+      x = put(self, root, x%register, 0, no_number)
     case (f_exp)
-      x = put(self, grow, x%register, 0, 0.0_wp)
+      x = put(self, grow, x%register, 0, no_number)
     case (f_sin, f_cos)
-      x = put(self, turn, x%register, 0, 0.0_wp)
+      x = put(self, turn, x%register, 0, no_number)
       if (code == f_cos) x%register = x%register + 1
     case (f_sinh, f_cosh)
-      x = put(self, stretch, x%register, 0, 0.0_wp)
+      x = put(self, stretch, x%register, 0, no_number)
       if (code == f_cosh) x%register = x%register + 1
     case (f_tanh, f_tan)
-      x = put(self, bend, x%register, 0, merge(-1.0_wp, 1.0_wp, code == f_tanh))
+      x = put(self, bend, x%register, 0, in_all(merge(-1.0_wp, 1.0_wp, code == f_tanh)))
     case (f_log)
-      x = put(self, over, x%register, x%register, real(code, wp))
+      x = put(self, over, x%register, x%register, in_all(real(code, wp)))
     case (f_asin, f_acos, f_atan, f_asinh, f_acosh, f_atanh)
       x = self%inverse_function(code, x)
     case default
@@ -299,17 +304,18 @@ contains
     item = self%combine(product_of, x, x)
     select case (code)
     case (f_asin, f_acos, f_atanh)
-      item = self%combine(take_off, item_type(0, 1.0_wp), item)
+      item = self%combine(take_off, item_type(0, in_all(1.0_wp)), item)
     case default
-      item = self%combine(add_up, item, item_type(0, merge(-1.0_wp, 1.0_wp, code == f_acosh)))
+      item = self%combine(add_up, item, &
+                          item_type(0, in_all(merge(-1.0_wp, 1.0_wp, code == f_acosh))))
     end select
     if (code /= f_atan .and. code /= f_atanh) then
-      item = put(self, root, item%register, 0, 0.0_wp)
+      item = put(self, root, item%register, 0, no_number)
     end if
     item = put(self, over, x%register, item%register, &
-               real(merge(f_asin, code, code == f_acos), wp))
+               in_all(real(merge(f_asin, code, code == f_acos), wp)))
     if (code == f_acos) then
-      item = self%combine(take_off, item_type(0, half_pi), item)
+      item = self%combine(take_off, item_type(0, in_all(half_pi)), item)
     end if
   end function inverse_function
 
@@ -320,13 +326,24 @@ contains
     type(item_type), intent(inout) :: x(:)
     logical, intent(inout) :: known
     real(wp) :: value, by(2)
+    integer :: l
     known = operands(code) <= 2
-    if (operands(code) == 2) then
-      call of_two(code, x(1)%number, x(2)%number, value, by)
-    else
-      call of_one(code, number, x(1)%number, value, by(1))
-    end if
-    x(1)%number = value
+    if (.not. known) return
+    do l = 1, n_wide
+      if (operands(code) == 2) then
+        call of_two(code, x(1)%number(l), x(2)%number(l), value, by)
+      else
+        call of_one(code, number, x(1)%number(l), value, by(1))
+      end if
+      x(1)%number(l) = value
+    end do
   end subroutine of_numbers
+
+  !> A number that is the same in all lanes.
+  pure function in_all(number) result(numbers)
+    real(wp), intent(in) :: number
+    real(wp) :: numbers(n_wide)
+    numbers = number
+  end function in_all
 
 end module viscovib_series_program

@@ -23,10 +23,10 @@ module viscovib_series_terms
                                 root = 9, grow = 10, turn = 11, stretch = 12, bend = 13, over = 14
 
   !> One step: what it does, the register of its value (others of it follow), those it reads, and a
-  !! number.
+  !! number, which stands in all lanes where it is a function's.
   type :: series_step
     integer :: code = 0, to = 0, a = 0, b = 0
-    real(wp) :: number = 0.0_wp
+    real(wp) :: number(n_wide) = 0.0_wp
   end type series_step
 
 contains
@@ -44,11 +44,13 @@ contains
       associate (a => steps(i)%a, b => steps(i)%b, to => steps(i)%to, c => steps(i)%number)
         select case (steps(i)%code)
         case (take_number)
-          s(:, k, to) = merge(c, 0.0_wp, k == 0)
+          s(:, k, to) = 0.0_wp
+          if (k == 0) s(:, 0, to) = c
         case (scale_up)
           s(:, k, to) = c*s(:, k, a)
         case (shift)
-          s(:, k, to) = s(:, k, a) + merge(c, 0.0_wp, k == 0)
+          s(:, k, to) = s(:, k, a)
+          if (k == 0) s(:, 0, to) = s(:, 0, to) + c
         case (add_up)
           s(:, k, to) = s(:, k, a) + s(:, k, b)
         case (take_off)
@@ -61,7 +63,7 @@ contains
           if (k == 0) then
             call begin_function(steps(i), order, s(1, 0, a), s(1, 0, max(b, 1)), s(1, 0, to), lost)
           else
-            call go_on(steps(i)%code, c, order, k, s(1, 0, a), s(1, 0, max(b, 1)), s(1, 0, to))
+            call go_on(steps(i)%code, c(1), order, k, s(1, 0, a), s(1, 0, max(b, 1)), s(1, 0, to))
           end if
         end select
         if (k == 0) lost = lost .or. abs(s(:, 0, to)) >= largest
@@ -90,7 +92,7 @@ contains
       y(:, 0, 1) = sqrt(merge(1.0_wp, a, bad))
     case (over)
       bad = abs(b) <= 1.0_wp/largest
-      call by_one(nint(step%number), merge(0.5_wp, a, bad), y(1, 0, 1))
+      call by_one(nint(step%number(1)), merge(0.5_wp, a, bad), y(1, 0, 1))
     case (stretch)
       bad = abs(a) > steepest
       y(:, 0, 1) = sinh(merge(0.0_wp, a, bad))
@@ -102,7 +104,7 @@ contains
         call exponential_lanes(merge(0.0_wp, a(first:last), bad(first:last)), y(first:last, 0, 1))
       end do
     case (bend)
-      if (step%number < 0.0_wp) then
+      if (step%number(1) < 0.0_wp) then
         do first = 1, n_wide, n_lanes
           call tangent_lanes(a(first), y(first, 0, 1))
         end do
@@ -110,8 +112,8 @@ contains
         bad = abs(cos(a)) <= 1.0_wp/largest
         y(:, 0, 1) = tan(merge(0.0_wp, a, bad))
       end if
-      y(:, 0, 2) = 1.0_wp + step%number*y(:, 0, 1)**2
-      if (step%number < 0.0_wp) y(:, 0, 2) = (1.0_wp - y(:, 0, 1))*(1.0_wp + y(:, 0, 1))
+      y(:, 0, 2) = 1.0_wp + step%number(1)*y(:, 0, 1)**2
+      if (step%number(1) < 0.0_wp) y(:, 0, 2) = (1.0_wp - y(:, 0, 1))*(1.0_wp + y(:, 0, 1))
     case default
       call sines(a, y(1, 0, 1), y(1, 0, 2))
     end select

@@ -134,7 +134,7 @@ contains
                    block%h*real(job%sample_every, wp), n_samples)
     call measure_margin(f, system, block%h)
     do l = 1, n_lanes
-      call f%layers(l)%begin(motion, 0.0_wp, f%q(l, :n), f%v(l, :n), f%together)
+      call f%layers(l)%begin(motion, 0.0_wp, f%q(l, :n), f%v(l, :n), f%together, l)
     end do
   end subroutine take_off
 

@@ -28,6 +28,8 @@ module viscovib_layer_watch
     logical :: on = .false.
     !> How many times as far as a polynomial follows an operand may go in a step.
     real(wp), private :: most = unseen
+    !> The lane of a run side by side with others; 0: it is none.
+    integer, private :: lane = 0
     integer, private :: n = 0
     real(wp), allocatable, private :: t(:), q(:, :), v(:, :)
     !> Of runs that are followed.
@@ -49,12 +51,14 @@ module viscovib_layer_watch
 contains
 
   !> Before the first step.
-  subroutine begin(self, system, t, q, v, by_series)
+  subroutine begin(self, system, t, q, v, by_series, lane)
     class(layer_watch), intent(inout) :: self
     class(driven_system_type), intent(in) :: system
     real(wp), intent(in) :: t, q(:), v(:)
     !> Whether steps are made by power series, which look at forces at one place.
     logical, intent(in), optional :: by_series
+    integer, intent(in), optional :: lane
+    if (present(lane)) self%lane = lane
     if (present(by_series)) self%most = merge(unseen_by_series, unseen, by_series)
     ! Steps that are made in parts see for themselves.
     self%on = system%layers%exist() .and. .not. (system%in_parts .or. allocated(system%signals))
@@ -83,10 +87,22 @@ contains
     class(driven_system_type), intent(in) :: system
     look = .false.
     if (.not. self%on .or. self%n < 2) return
-    associate (n => self%n)
-      look = system%layers%thinness_at(self%t(:n), self%t(:n), self%q(:n, :), self%v(:n, :), &
-                                       .true., self%most) > self%most
-    end associate
+    if (self%lane > 0 .and. allocated(system%lane_layers)) then
+      look = goes_beyond(system%lane_layers(self%lane))
+    else
+      look = goes_beyond(system%layers)
+    end if
+
+  contains
+
+    logical function goes_beyond(layers)
+      type(law_layers), intent(in) :: layers
+      associate (n => self%n)
+        goes_beyond = layers%thinness_at(self%t(:n), self%t(:n), self%q(:n, :), self%v(:n, :), &
+                                         .true., self%most) > self%most
+      end associate
+    end function goes_beyond
+
   end function look
 
   !> Before the first step of a run with memory, or of a structure.

@@ -99,7 +99,8 @@ def simulate_ensemble(
         "load_scale", "stiffness_scale" (of K, not of the linear part of laws), "damping_scale",
         "forces_scale" (of what is not linear) and its own ``parameters``; of a structure "nu",
         "load_scale" and numbers of elements, "elements[0].limit" or "elements[0].k3"; of a mount
-        "nu", "load_scale" and its numbers. Parameters of laws and elements make it go run by run.
+        "nu", "load_scale" and its numbers. Parameters of smooth laws and numbers of elements go
+        side by side, too; those of mounts run by run.
     load, nu
         Not of a pendulum: as for `simulate`.
     method : {"auto", "rk4", "dop8", "verner8", "verner9", "gauss8", "gauss16", "taylor20"}

@@ -9,12 +9,18 @@ from typing import Any
 import numpy.typing as npt
 
 from viscovib import _native
+from viscovib._native import FloatArray
 from viscovib.analyses.events import Event
 from viscovib.analyses.members import SCALES, Members, PendulumMembers, PolynomialMembers
 from viscovib.analyses.memoryless import TAYLOR
-from viscovib.analyses.singles import SingleMembers
+from viscovib.analyses.singles import SingleMembers, numbers_of, with_elements
 from viscovib.errors import InputError
 from viscovib.systems.load import LoadLike
+from viscovib.systems.many_numbers import (
+    ManySystems,
+    systems_of_parameters,
+    systems_one_by_one,
+)
 from viscovib.systems.mount import Mount
 from viscovib.systems.pendulum import Pendulum
 from viscovib.systems.polynomial_system import PolynomialSystem
@@ -57,6 +63,7 @@ def members_of(
         return SingleMembers(system, initial, given, load, nu, method, surface)
     made: list[Members] = []
     lock = Lock()
+    numbers = any(name not in ("nu", *SCALES) for name in given)
 
     def alone() -> Members:
         # Pieces of an ensemble are made by several threads.
@@ -64,10 +71,22 @@ def members_of(
             if not made:
                 # Those that meet thin layers go in parts of steps, by a method that has such.
                 own = "auto" if method == TAYLOR else method
-                made.append(SingleMembers(few, initial, given, load, nu, own, None))
+                one: Any = system if numbers else few
+                made.append(SingleMembers(one, initial, given, load, nu, own, None))
         return made[0]
 
-    return PolynomialMembers(few, initial, given, load, nu, method, alone)
+    def with_parameters(values: Mapping[str, FloatArray]) -> ManySystems:
+        if isinstance(system, PolynomialSystem):
+            return systems_of_parameters(system, values)
+        n = next(iter(values.values())).size
+        return systems_one_by_one(
+            lambda i: whole_system(
+                with_elements(system, {name: float(x[i]) for name, x in values.items()})  # type: ignore[arg-type]
+            ),
+            n,
+        )
+
+    return PolynomialMembers(few, initial, given, load, nu, method, alone, with_parameters)
 
 
 def side_by_side(
@@ -78,7 +97,10 @@ def side_by_side(
     if isinstance(system, Mount | Pendulum) or len(system.dof_names) > most:
         return None
     kernels = system._all_kernels if isinstance(system, Structure) else system._active_kernels
-    if kernels or any(name not in ("nu", *SCALES) for name in given):
+    varied = [name for name in given if name not in ("nu", *SCALES)]
+    if kernels or not all(name in numbers_of(system) for name in varied):
+        return None
+    if isinstance(system, Structure) and varied and any(name in SCALES[1:] for name in given):
         return None
     if isinstance(system, Structure):
         if system._reduced is not None or switches(system):

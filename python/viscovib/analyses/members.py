@@ -16,11 +16,14 @@ from viscovib.analyses.memoryless import SIDE_BY_SIDE, checked_state
 from viscovib.analyses.runs import MAX_STEPS
 from viscovib.errors import InputError
 from viscovib.systems.load import LoadLike, load_series, name_places
+from viscovib.systems.many_numbers import Kind, ManySystems, linear_parts
 from viscovib.systems.pendulum import PARAMETERS, Pendulum
 from viscovib.systems.polynomial_system import PolynomialSystem
 
 #: Numbers of a polynomial system that may vary; scales in the order of the core.
 SCALES = ("load_scale", "stiffness_scale", "damping_scale", "forces_scale")
+#: Among what is asked of runs, behind their steps: of how many moments are wanted.
+_MOMENTS = 6
 
 
 class Members(ABC):
@@ -102,7 +105,10 @@ class PendulumMembers(Members):
 
 
 class PolynomialMembers(Members):
-    """Polynomial systems without memory, with laws of any kind; ``alone``: makes runs singly."""
+    """Polynomial systems without memory, with laws of any kind; ``alone``: makes runs singly.
+
+    ``with_parameters``: the systems with other numbers of laws or elements.
+    """
 
     def __init__(
         self,
@@ -113,6 +119,7 @@ class PolynomialMembers(Members):
         nu: float | None,
         method: str,
         alone: Callable[[], Members],
+        with_parameters: Callable[[Mapping[str, FloatArray]], ManySystems] | None = None,
     ) -> None:
         d = len(system.dof_names)
         self.dof_names, self.method_name = system.dof_names, _side_by_side(method)
@@ -134,9 +141,13 @@ class PolynomialMembers(Members):
         for i, name in enumerate(SCALES):
             if name in self.varied:
                 self.scales[i] = self.varied[name]
-        slopes = [group.law_slopes for group in system.groups if group.law_slopes is not None]
-        own = system._stiffness_at_rest - sum(slopes, np.zeros((d, d)))
-        self.own = np.asfortranarray(np.stack([own, np.asarray(system.damping)], axis=2))
+        own, of_laws = linear_parts(system)
+        self.kinds = [Kind(np.arange(self.n), system._flat[np.newaxis])]
+        self.own, self.of_laws = own[np.newaxis], of_laws[np.newaxis]
+        numbers = {name: self.varied[name] for name in given if name not in ("nu", *SCALES)}
+        if numbers:
+            assert with_parameters is not None
+            self.kinds, self.own, self.of_laws = with_parameters(numbers)
         self._alone = alone
 
     def load_frequencies(self, sections: int) -> tuple[str, FloatArray]:
@@ -147,11 +158,10 @@ class PolynomialMembers(Members):
     def first_steps(self, spans: FloatArray) -> int:
         """Four a fastest linear period, and of the highest order of the load."""
         inverse = np.linalg.inv(self.system._mass_matrix)
-        stiffness, damping = self.own[:, :, 0], self.own[:, :, 1]
-        rest = self.system._stiffness_at_rest - stiffness
-        own, fixed, dampers, lost = (
-            float(np.abs(inverse @ part).sum(axis=1).max())
-            for part in (stiffness, rest, damping, self.system._damping - damping)
+        own, dampers, fixed, lost = (
+            np.abs(inverse @ part[..., i]).sum(axis=2).max(axis=1)
+            for part in (self.own, self.of_laws)
+            for i in (0, 1)
         )
         scales = np.abs(self.scales)
         fastest = np.sqrt(own * scales[1] + fixed) + dampers * scales[2] + lost
@@ -159,17 +169,50 @@ class PolynomialMembers(Members):
         return _steps(spans, np.maximum(fastest, highest * self.nu))
 
     def call(self, part: slice, *given: Any) -> tuple[Any, ...]:
-        """Make some of the runs."""
+        """Make some of the runs, those of a kind together."""
+        if len(self.kinds) == 1:
+            return self._make(np.arange(part.start, part.stop), self.kinds[0], *given)
+        h, *asked, sections = given
+        whole: list[Any] = []
+        for kind in self.kinds:
+            runs = kind.runs[(kind.runs >= part.start) & (kind.runs < part.stop)]
+            if not runs.size:
+                continue
+            here = runs - part.start
+            own = np.asfortranarray(sections[:, :, here]) if sections.shape[2] else sections
+            if asked[_MOMENTS]:
+                asked[_MOMENTS] = runs.size
+            found = self._make(runs, kind, h[here], *asked, own)
+            if sections.shape[2]:
+                sections[:, :, here] = own
+            if not whole:
+                whole = [
+                    np.empty((*one.shape[:-1], h.size if one.shape[-1] else 0), one.dtype, "F")
+                    for one in found
+                ]
+            for all_of_it, its in zip(whole, found, strict=True):
+                if its.shape[-1]:
+                    all_of_it[..., here] = its
+        return tuple(whole)
+
+    def _make(self, runs: npt.NDArray[np.intp], kind: Kind, *given: Any) -> tuple[Any, ...]:
+        """Make runs of one kind."""
+        flat, own = kind.flat, self.own
+        if flat.shape[0] > 1:
+            flat, own = flat[np.searchsorted(kind.runs, runs)], own[runs]
+        elif own.shape[0] > 1:
+            own = own[kind.runs]
         *found, missed = _native.call(
-            core.polynomial_ensemble, self.system._flat, self.orders, self.series, self.own,
-            self.nu[part], np.asfortranarray(self.scales[:, part]), self.states[part].T, *given,
+            core.polynomial_ensemble, np.asfortranarray(flat.T), self.orders, self.series,
+            np.asfortranarray(own.transpose(1, 2, 3, 0)), self.nu[runs],
+            np.asfortranarray(self.scales[:, runs]), self.states[runs].T, *given,
         )  # fmt: skip
         h, *asked, sections = given
         for k in np.flatnonzero(missed):
             # Steps side by side may have jumped over thin layers of laws; by itself a run sees.
-            i, here = part.start + k, slice(k, k + 1)
-            own = sections[:, :, here] if sections.shape[2] else sections
-            one = self._alone().call(slice(i, i + 1), h[here], *asked, own)
+            i, here = int(runs[k]), slice(k, k + 1)
+            its_own = sections[:, :, here] if sections.shape[2] else sections
+            one = self._alone().call(slice(i, i + 1), h[here], *asked, its_own)
             for all_of_it, its in zip(found, one, strict=True):
                 if all_of_it.shape[-1]:
                     all_of_it[..., here] = its

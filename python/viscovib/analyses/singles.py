@@ -128,7 +128,7 @@ class SingleMembers(Members):
         if isinstance(system, Pendulum | Mount):
             return replace(system, **numbers)  # type: ignore[arg-type]
         if isinstance(system, Structure):
-            return _with_elements(system, numbers)
+            return with_elements(system, numbers)
         for name in [name for name in numbers if name not in _SCALED]:
             system = system._with_parameter(name, numbers.pop(name))
         return _scaled(system, numbers)
@@ -368,6 +368,13 @@ def _scaled(system: PolynomialSystem, numbers: Mapping[str, float]) -> Polynomia
     return other
 
 
+def numbers_of(system: Structure | PolynomialSystem) -> Sequence[str]:
+    """Numbers of laws and elements, by the names that branches have for them."""
+    if isinstance(system, Structure):
+        return _element_numbers(system)
+    return system._named_parameters if type(system) is PolynomialSystem else ()
+
+
 def _element_numbers(structure: Structure) -> list[str]:
     """Numbers of the elements, by the names that branches have for them."""
     names = []
@@ -379,7 +386,7 @@ def _element_numbers(structure: Structure) -> list[str]:
     return names
 
 
-def _with_elements(structure: Structure, numbers: Mapping[str, float]) -> Structure:
+def with_elements(structure: Structure, numbers: Mapping[str, float]) -> Structure:
     """The structure with other numbers of its elements."""
     elements = list(structure.elements)
     for name, value in numbers.items():

@@ -9,6 +9,7 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from viscovib import _native
 from viscovib._native import FloatArray, core
@@ -196,6 +197,51 @@ def compile_law(
         raise InputError(f"{where} = {shown}: {told}") from None
     steps = tuple(code[:n].tolist()), tuple(number[:n].tolist())
     return Law(text, tuple(arguments), *steps, parity, degree, n_rates)
+
+
+@dataclass(frozen=True, eq=False)
+class ManyLaws:
+    """A law with n sets of parameters: programs, a row each, without their linear parts at rest."""
+
+    code: npt.NDArray[np.intc]
+    number: FloatArray
+    #: What all is the same in runs of one form, a column each.
+    form: list[npt.NDArray[Any]]
+    #: Derivatives at rest, shape (n, n_arguments).
+    slopes: FloatArray
+
+    def numbers(self, runs: npt.NDArray[np.intp]) -> FloatArray:
+        """What programs of runs of one form put on their stacks, as of `Law.remainder`."""
+        first = runs[0]
+        own = self.number[runs][:, self.code[first] == _NUMBER]
+        return np.concatenate([own, self.slopes[runs][:, self.slopes[first] != 0]], axis=1)
+
+
+def compile_many(
+    text: str, arguments: Sequence[str], parameters: Mapping[str, FloatArray], n: int
+) -> ManyLaws | None:
+    """Compile a text for n values of each parameter, rates being the last half of arguments.
+
+    None: with some of them there is no such law.
+    """
+    values = np.array(list(parameters.values())).reshape(len(parameters), n)
+    letters = text.encode("utf-8", "backslashreplace")
+    room = min(len(text) + 1, _MAX_CODE)
+    names = _fields(list(parameters))
+    code, number, lengths, _, _, slopes, flaws = _native.in_parts(
+        core.law_compile_many,
+        (letters, _fields(arguments), len(arguments), names, _NEAR, room),
+        5e-8 * len(text) + 5e-6,
+        np.asfortranarray(values),
+    )
+    if flaws.any():
+        return None
+    code, number, slopes = code.T, number.T, slopes.T
+    longest = int(lengths.max())
+    code, number = code[:, :longest], number[:, :longest]
+    fixed = np.where(code == _NUMBER, 0.0, number)
+    form = [*code.T, *fixed.T, *(slopes != 0).T]
+    return ManyLaws(code, number, form, slopes)
 
 
 def called_law(

@@ -140,7 +140,11 @@ def spring_group(
     forces: dict[tuple[int, tuple[int, ...]], float] = {}
     laws, whole = [], []
     slopes, damping, dampers = (np.zeros_like(stiffness) for _ in range(3))
-    for where, on, polynomial in _by_equation(f"{prefix}forces", springs.forces, names, parameters):
+
+    def read(place: str, text: Any, rates: list[str]) -> Polynomial | Law:
+        return read_law(place, text, names, parameters, rates, preloaded=True)
+
+    for where, on, polynomial in by_equation(f"{prefix}forces", springs.forces, names, read):
         if isinstance(polynomial, Law):
             remembers = springs.kernel is not None
             slopes[on] += polynomial.stiffness_at_rest
@@ -172,10 +176,13 @@ def spring_group(
     )  # fmt: skip
 
 
-def _by_equation(
-    where: str, forces: Any, names: tuple[str, ...], parameters: Mapping[str, float]
-) -> list[tuple[str, int, Polynomial | Law]]:
-    """Polynomials or other laws, each with its equation and what an error calls it."""
+def by_equation(
+    where: str, forces: Any, names: tuple[str, ...], read: Callable[[str, Any, list[str]], Any]
+) -> list[tuple[str, int, Any]]:
+    """Polynomials or other laws, each with its equation and what an error calls it.
+
+    ``read`` makes one of a text, from what an error calls it, the text and the names of rates.
+    """
     if forces is None:
         return []
     if isinstance(forces, str) or callable_law(forces):
@@ -197,7 +204,7 @@ def _by_equation(
             )
         forces = dict(zip(names, forces, strict=True))
     if isinstance(forces, Mapping):
-        result: list[tuple[str, int, Polynomial | Law]] = []
+        result: list[tuple[str, int, Any]] = []
         for key, text in forces.items():
             place = f"{where}[{key!r}]"
             if not isinstance(text, str) and not callable_law(text):
@@ -206,8 +213,7 @@ def _by_equation(
                     "a function"
                 )
             rates = [f"{name}_dot" for name in names]
-            law = read_law(place, text, names, parameters, rates, preloaded=True)
-            result.append((place, _equation(place, key, names), law))
+            result.append((place, _equation(place, key, names), read(place, text, rates)))
         return result
     if not isinstance(forces, Sequence):
         raise InputError(

@@ -1,0 +1,268 @@
+"""Numbers of polynomial systems that differ in parameters of their laws, for all runs at once.
+
+Runs go side by side in the core where their systems have the same form: the same monomials and the
+same instructions of laws, with other numbers. A parameter may change the form, as a factor of 0
+that leaves a term out, or a power of 2 that becomes a square: such runs are of another kind.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from viscovib._native import FloatArray
+from viscovib.common.expression import expand
+from viscovib.errors import InputError
+from viscovib.systems.laws import _NUMBER, ManyLaws, compile_many
+from viscovib.systems.polynomial_system import PolynomialSystem
+from viscovib.systems.spring_groups import Forces, by_equation
+
+#: Numbers of a flat vector before its matrices, and of a law before what it reads.
+_HEAD, _LAW_HEAD = 5, 7
+
+
+class Kind(NamedTuple):
+    """Runs of one form: their places, and the numbers of each, shape (m, n_flat)."""
+
+    runs: npt.NDArray[np.intp]
+    flat: FloatArray
+
+
+class ManySystems(NamedTuple):
+    """What systems of n runs are: kinds, and what they have of stiffness and damping."""
+
+    kinds: list[Kind]
+    #: Stiffness and damping themselves, and what laws add at rest, shape (n, d, d, 2).
+    own: FloatArray
+    of_laws: FloatArray
+
+
+class _OneByOneError(Exception):
+    """Some law is not of those that are read for all runs at once."""
+
+
+class _Places(NamedTuple):
+    """Where numbers that may differ stand in a flat vector without kernels."""
+
+    damping: int
+    stiffness: list[int]
+    monomials: list[int]
+    #: Of each law, of those that it puts on its stack.
+    laws: list[list[int]]
+
+
+def _places(flat: FloatArray) -> _Places:
+    n, n_groups, n_monomials = (int(x) for x in flat[:3])
+    at = _HEAD + 2 * n * n + n
+    stiffness = [at + i * (1 + n * n) + 1 for i in range(n_groups)]
+    at += n_groups * (1 + n * n)
+    monomials = [at + i * (3 + n) for i in range(n_monomials)]
+    at += n_monomials * (3 + n)
+    laws = []
+    if at < flat.size:
+        count, at = int(flat[at]), at + 1
+        for _ in range(count):
+            m, k, steps = (int(x) for x in flat[at : at + 3])
+            at += _LAW_HEAD + 2 * m * n + 2 * k
+            codes = flat[at : at + 2 * steps : 2]
+            laws.append([at + 2 * int(i) + 1 for i in np.flatnonzero(codes == _NUMBER)])
+            at += 2 * steps
+    return _Places(_HEAD + n * n, stiffness, monomials, laws)
+
+
+def systems_one_by_one(make: Callable[[int], PolynomialSystem], n: int) -> ManySystems:
+    """Systems that are made one after another."""
+    own, of_laws, flats = [], [], []
+    kinds: dict[bytes, list[int]] = {}
+    for i in range(n):
+        system = make(i)
+        flat, d = system._flat, len(system.dof_names)
+        parts = linear_parts(system)
+        own.append(parts[0])
+        of_laws.append(parts[1])
+        flats.append(flat)
+        form, places = flat.copy(), _places(flat)
+        for first in (places.damping, *places.stiffness):
+            form[first : first + d * d] = 0.0
+        form[[*places.monomials, *(k for law in places.laws for k in law)]] = 0.0
+        kinds.setdefault(form.tobytes(), []).append(i)
+    return ManySystems(
+        [Kind(np.array(runs), np.stack([flats[i] for i in runs])) for runs in kinds.values()],
+        np.stack(own),
+        np.stack(of_laws),
+    )
+
+
+def linear_parts(system: PolynomialSystem) -> tuple[FloatArray, FloatArray]:
+    """Stiffness and damping themselves, and what laws add at rest, shape (d, d, 2)."""
+    d = len(system.dof_names)
+    slopes = [group.law_slopes for group in system.groups if group.law_slopes is not None]
+    stiffness = system._stiffness_at_rest - sum(slopes, np.zeros((d, d)))
+    damping = np.asarray(system.damping)
+    own = np.stack([stiffness, damping], axis=2)
+    rest = [system._stiffness_at_rest - stiffness, system._damping - damping]
+    return own, np.stack(rest, axis=2)
+
+
+def systems_of_parameters(
+    system: PolynomialSystem, parameters: Mapping[str, FloatArray]
+) -> ManySystems:
+    """Systems with other values of their parameters, an array each."""
+    n = next(iter(parameters.values())).size
+
+    def make(i: int) -> PolynomialSystem:
+        one = system
+        for name, values in parameters.items():
+            one = one._with_parameter(name, float(values[i]))
+        return one
+
+    try:
+        return _together(system, parameters, n, make)
+    except _OneByOneError:
+        return systems_one_by_one(make, n)
+
+
+class _ManyGroups(NamedTuple):
+    """A group of springs in all runs."""
+
+    stiffness: FloatArray
+    slopes: FloatArray
+    damping: FloatArray
+    #: Coefficients by equation and powers, and where any term of theirs is there at all.
+    forces: dict[tuple[int, tuple[int, ...]], tuple[FloatArray, npt.NDArray[np.bool_]]]
+    laws: list[ManyLaws]
+
+
+def _together(
+    system: PolynomialSystem,
+    parameters: Mapping[str, FloatArray],
+    n: int,
+    make: Callable[[int], PolynomialSystem],
+) -> ManySystems:
+    values = {name: np.full(n, x) for name, x in (system.parameters or {}).items()}
+    values.update(parameters)
+    given = [(system.__dict__["_given_stiffness"], system.forces)]
+    given += [(one.stiffness, one.forces) for one in system.springs]
+    d = len(system.dof_names)
+    groups = []
+    for stiffness, forces in given:
+        matrix = np.zeros((d, d))
+        if stiffness is not None:
+            plain = np.asarray(stiffness, dtype=float)
+            matrix = np.diag(np.atleast_1d(plain)) if plain.ndim < 2 else plain
+        groups.append(_group(matrix, forces, system.dof_names, values, n))
+    own = np.empty((n, d, d, 2))
+    of_laws = np.empty_like(own)
+    at_rest = sum((g.stiffness for g in groups[1:]), groups[0].stiffness)
+    with_laws = [g.slopes for g in groups if g.laws]
+    own[..., 0] = at_rest - sum(with_laws, np.zeros((d, d)))
+    own[..., 1] = np.asarray(system.damping, dtype=float)
+    damping = own[..., 1]
+    for group in groups:
+        damping = damping + group.damping
+    of_laws[..., 0], of_laws[..., 1] = at_rest - own[..., 0], damping - own[..., 1]
+    forms = [there for g in groups for _, there in g.forces.values()]
+    forms += [column for g in groups for law in g.laws for column in law.form]
+    kinds = []
+    for runs in _alike(forms, n):
+        first_one = make(int(runs[0]))
+        flat = np.tile(first_one._flat, (runs.size, 1))
+        places = _places(first_one._flat)
+        flat[:, places.damping : places.damping + d * d] = _columns(damping[runs])
+        for first, group in zip(places.stiffness, groups, strict=True):
+            flat[:, first : first + d * d] = _columns(group.stiffness[runs])
+        terms = [
+            many.forces[key][0]
+            for one, many in zip(first_one.groups, groups, strict=True)
+            for key in one.forces
+        ]
+        for place, c in zip(places.monomials, terms, strict=True):
+            flat[:, place] = c[runs]
+        laws = [law for g in groups for law in g.laws]
+        for its, law in zip(places.laws, laws, strict=True):
+            flat[:, its] = law.numbers(runs)
+        kinds.append(Kind(runs, flat))
+    return ManySystems(kinds, own, of_laws)
+
+
+def _columns(matrices: FloatArray) -> FloatArray:
+    """Matrices of some runs, each column by column."""
+    return np.asarray(matrices.transpose(0, 2, 1).reshape(matrices.shape[0], -1))
+
+
+def _alike(columns: list[npt.NDArray[Any]], n: int) -> list[npt.NDArray[np.intp]]:
+    """Runs with the same values in all columns."""
+    if not columns:
+        return [np.arange(n)]
+    table = np.stack([np.asarray(column, dtype=float) for column in columns], axis=1)
+    if (table == table[0]).all():
+        return [np.arange(n)]
+    _, which = np.unique(table, axis=0, return_inverse=True)
+    return [np.flatnonzero(which == k) for k in range(int(which.max()) + 1)]
+
+
+def _group(
+    stiffness: FloatArray,
+    forces: Forces,
+    names: tuple[str, ...],
+    values: Mapping[str, FloatArray],
+    n: int,
+) -> _ManyGroups:
+    """As `spring_group` understands one, term by term in the same order."""
+    d = len(names)
+    total = np.tile(stiffness, (n, 1, 1))
+    slopes, damping = np.zeros((2, n, d, d))
+    found: dict[tuple[int, tuple[int, ...]], tuple[FloatArray, npt.NDArray[np.bool_]]] = {}
+    laws = []
+
+    def read(where: str, text: Any, rates: list[str]) -> Any:
+        return _read_many(where, text, names, rates, values, n)
+
+    for _, on, law in by_equation("forces", forces, names, read):
+        if isinstance(law, ManyLaws):
+            slopes[:, on] += law.slopes[:, :d]
+            damping[:, on] += law.slopes[:, d:]
+            laws.append(law)
+            continue
+        for powers, c in law.items():
+            if sum(powers) == 1:
+                total[:, on, powers.index(1)] += c
+            else:
+                before, there = found.get((on, powers), (np.zeros(n), np.zeros(n, dtype=bool)))
+                found[on, powers] = before + c, there | (c != 0)
+    return _ManyGroups(total + slopes, slopes, damping, found, laws)
+
+
+def _read_many(
+    where: str,
+    text: Any,
+    names: tuple[str, ...],
+    rates: list[str],
+    values: Mapping[str, FloatArray],
+    n: int,
+) -> dict[tuple[int, ...], FloatArray] | ManyLaws:
+    """As `read_law` reads a text for one set of values."""
+    if not isinstance(text, str):
+        raise _OneByOneError
+    try:
+        terms = expand(where, text, [*names, *values])
+    except InputError:
+        laws = compile_many(text, [*names, *rates], values, n)
+        if laws is None:
+            # One by one the first that is wrong is told.
+            raise _OneByOneError from None
+        return laws
+    found: dict[tuple[int, ...], FloatArray] = {}
+    for powers, c in terms.items():
+        factor = np.full(n, c)
+        for one, power in zip(values.values(), powers[len(names) :], strict=True):
+            # Powers of Python's numbers, as those of one system.
+            factor *= np.array([x**power for x in one.tolist()])
+        own = powers[: len(names)]
+        found[own] = found.get(own, np.zeros(n)) + factor
+    if (0,) * len(names) in found or not all(np.isfinite(c).all() for c in found.values()):
+        raise _OneByOneError
+    return found
