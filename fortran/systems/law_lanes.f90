@@ -122,7 +122,6 @@ contains
     real(wp), intent(inout) :: x(n_lanes, m)
     !> Room for which lanes are beyond a domain, once any is.
     logical, intent(inout) :: outside(n_lanes, m)
-    real(wp) :: c(n_lanes)
     integer :: i, l, next, top
     logical :: left
 
@@ -139,34 +138,22 @@ contains
       case (put_number)
         next = put_number
         if (i < n .and. top > 0) next = code(i + 1)
-        if (width == 1) then
-          c = put(1, i)
+        if (next == multiply .or. next == add .or. next == subtract) then
+          if (width == 1) then
+            call take_number(next, put(1, i), x(1, top))
+          else
+            call take_numbers(next, put(1, i), x(1, top))
+          end if
+          i = i + 1
         else
-          c = put(:n_lanes, i)
-        end if
-        i = i + 1
-        select case (next)
-        case (multiply)
-          !GCC$ unroll 1
-          do l = 1, n_lanes
-            x(l, top) = min(max(x(l, top)*c(l), -wall), wall)
-          end do
-        case (add)
-          !GCC$ unroll 1
-          do l = 1, n_lanes
-            x(l, top) = x(l, top) + c(l)
-          end do
-        case (subtract)
-          !GCC$ unroll 1
-          do l = 1, n_lanes
-            x(l, top) = x(l, top) - c(l)
-          end do
-        case default
-          i = i - 1
           top = top + 1
-          x(:, top) = c
+          if (width == 1) then
+            x(:, top) = put(1, i)
+          else
+            x(:, top) = put(:n_lanes, i)
+          end if
           if (left) outside(:, top) = .false.
-        end select
+        end if
       case (multiply, add, subtract)
         top = top - 1
         if (left) outside(:, top) = outside(:, top) .or. outside(:, top + 1)
@@ -202,6 +189,58 @@ contains
     end do
     if (left) x(:, 1) = merge(wall, x(:, 1), outside(:, 1))
   end subroutine run_lanes
+
+  !> A product, a sum or a difference with a number.
+  pure subroutine take_number(code, c, x)
+    integer, intent(in) :: code
+    real(wp), intent(in) :: c
+    real(wp), intent(inout) :: x(n_lanes)
+    integer :: l
+
+    select case (code)
+    case (multiply)
+      !GCC$ unroll 1
+      do l = 1, n_lanes
+        x(l) = min(max(x(l)*c, -wall), wall)
+      end do
+    case (add)
+      !GCC$ unroll 1
+      do l = 1, n_lanes
+        x(l) = x(l) + c
+      end do
+    case default
+      !GCC$ unroll 1
+      do l = 1, n_lanes
+        x(l) = x(l) - c
+      end do
+    end select
+  end subroutine take_number
+
+  !> The same with a number of each lane.
+  pure subroutine take_numbers(code, c, x)
+    integer, intent(in) :: code
+    real(wp), intent(in) :: c(n_lanes)
+    real(wp), intent(inout) :: x(n_lanes)
+    integer :: l
+
+    select case (code)
+    case (multiply)
+      !GCC$ unroll 1
+      do l = 1, n_lanes
+        x(l) = min(max(x(l)*c(l), -wall), wall)
+      end do
+    case (add)
+      !GCC$ unroll 1
+      do l = 1, n_lanes
+        x(l) = x(l) + c(l)
+      end do
+    case default
+      !GCC$ unroll 1
+      do l = 1, n_lanes
+        x(l) = x(l) - c(l)
+      end do
+    end select
+  end subroutine take_numbers
 
   !> One instruction: its operands stand in the columns of x, its value goes in the first.
   pure subroutine instruct(code, number, x)

@@ -211,6 +211,41 @@ state, total = many.state, {"None" if series else "many.spectrum.sum(axis=1)"}
     return Case(call, judge)
 
 
+def _numbers(rng, index):
+    """Lanes that differ in numbers of a law, some of them 0 or a power of 2, by SciPy."""
+    c, k = even(rng, 0.05, 0.4, 3), even(rng, 0.5, 2, 3)
+    text, force = (
+        ("A*tanh(x_dot/B) + x^3", lambda x, v, a, b: a * np.tanh(v / b) + x**3),
+        ("A*x_dot*(1 + x^2)^B", lambda x, v, a, b: a * v * (1 + x**2) ** b),
+        ("A*x^3 + B*x^2*x_dot", lambda x, v, a, b: a * x**3 + b * x**2 * v),
+        ("A*sin(B*x) + A^2*x^3", lambda x, v, a, b: a * np.sin(b * x) + a**2 * x**3),
+        ("A*atan2(x, B)", lambda x, v, a, b: a * np.arctan2(x, b)),
+    )[index % 5]
+    n = int(rng.choice([3, 9, 20]))
+    a = [float(rng.choice([0.0, even(rng, 0.1, 1, 3)], p=[0.2, 0.8])) for _ in range(n)]
+    b = [float(rng.choice([2.0, even(rng, 0.1, 2, 3)], p=[0.2, 0.8])) for _ in range(n)]
+    start = [even(rng, -2, 2, 3), even(rng, -2, 2, 3)]
+    # The last two laws have a function or a power that is no series.
+    method = (*METHODS, "taylor20")[index % (3 if index % 5 in (1, 4) else 4)]
+    step = ", dt=0.02" if method == "taylor20" else ""
+    call = f"""system = vv.PolynomialSystem(mass=1, stiffness={k}, damping={c}, forces={text!r},
+    parameters={{"A": 0.5, "B": 0.5}})
+many = vv.simulate_ensemble(system, initial={start}, t_end=12, method={method!r}{step},
+    parameters={{"A": {a}, "B": {b}}})
+state, error = many.state, many.error or 0.0
+"""
+
+    def judge(names, told):
+        for i in range(n):
+            run = solve_ivp(
+                lambda t, y, a=a[i], b=b[i]: [y[1], -c * y[1] - k * y[0] - force(*y, a, b)],
+                (0, 12), start, "DOP853", rtol=1e-12, atol=1e-13,
+            )  # fmt: skip
+            yield Claim("a lane", names["state"][i], run.y[:, -1], 1e-10 + 2 * names["error"])
+
+    return Case(call, judge)
+
+
 def _beside(rng, index):
     """Exponents by motions beside a motion: the sum is the mean trace along SciPy's motion."""
     k, c = few(rng, 0.3, 30, 3), few(rng, 0.01, (1, 60)[index % 2], 3)
@@ -281,5 +316,5 @@ same = bool((b.to_dataset()["label"].values == b.labels).all())
 
 def case(rng, index):
     """Draw lanes."""
-    families = (_lanes, _failed, _systems, _gathered, _settled, _beside)
-    return families[index % 6](rng, index // 6)
+    families = (_lanes, _failed, _systems, _gathered, _settled, _beside, _numbers)
+    return families[index % 7](rng, index // 7)
