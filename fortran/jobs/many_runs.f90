@@ -45,7 +45,7 @@ module viscovib_many_runs
   !> What is to be made.
   type :: many_runs
     type(subject_type), pointer :: subject => null()
-    !> What varies, its place among the numbers (0: nothing), and its values.
+    !> What varies, its place among the numbers (0: nothing), its values.
     integer :: place = 0
     real(wp), allocatable :: values(:)
     !> Starts, a column a motion, and how long each is.
@@ -60,8 +60,9 @@ module viscovib_many_runs
     real(wp) :: discard = 0.0_wp
     !> Whether peaks and means, and the largest exponent, are wanted.
     logical :: moments = .false., lyapunov = .false.
-    !> Steps of the first runs, those that follow being shorter; 0: none yet.
+    !> Steps of the first runs (0: none yet), and which motions are made by themselves since.
     integer(i8) :: n_first = 0
+    logical, allocatable :: alone(:)
   contains
     procedure :: lay_out
     procedure :: steps_of
@@ -236,15 +237,13 @@ contains
               source=0.0_wp)
     allocate (many%lyapunov(m), many%t_reached(m), source=0.0_wp)
     allocate (many%ended(m), many%missed(m), many%sections(2*d, points, m))
-    if (.not. self%subject%is_pendulum) then
-      own(:, :, 1) = self%subject%polynomial%stiffness_at_rest()
-      own(:, :, 2) = self%subject%polynomial%damping
-      call new_lane_motion(motion, self%subject%polynomial, self%subject%load, own)
-    end if
     if (self%subject%is_pendulum) then
       call self%pendulum_of(1, pendulum, status)
       if (.not. status%failed()) call check_method(job, pendulum, status)
     else
+      own(:, :, 1) = self%subject%polynomial%stiffness_at_rest()
+      own(:, :, 2) = self%subject%polynomial%damping
+      call new_lane_motion(motion, self%subject%polynomial, self%subject%load, own)
       call check_method(job, motion, status)
     end if
     if (status%failed()) return
@@ -271,8 +270,10 @@ contains
         end do
       end do
     end do
+    if (.not. allocated(self%alone)) self%alone = many%missed
+    self%alone = self%alone .or. many%missed
     do i = 1, m
-      if (.not. status%failed() .and. many%missed(i)) call self%make_alone(i, job, many, status)
+      if (.not. status%failed() .and. self%alone(i)) call self%make_alone(i, job, many, status)
     end do
   end subroutine make
 
@@ -352,8 +353,7 @@ contains
     many%sections(:, :, i) = block%sections(l, :, :)
   end subroutine take
 
-  !> Motion i by itself, in parts of steps that see thin layers of laws, which a polynomial system
-  !! has.
+  !> Motion i by itself, in parts of steps that see thin layers of laws.
   subroutine make_alone(self, i, job, many, status)
     class(many_runs), intent(in) :: self
     integer, intent(in) :: i

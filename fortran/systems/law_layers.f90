@@ -14,9 +14,9 @@
 module viscovib_law_layers
   use viscovib_kinds, only: wp
   use viscovib_law_branches, only: signal_type
-  use viscovib_law_functions, only: divide, f_acos, f_acosh, f_asin, f_asinh, f_atan, f_atanh, &
-                                    f_cos, f_cosh, f_exp, f_log, f_sin, f_sinh, f_sqrt, f_tan, &
-                                    f_tanh, is_whole, known_power, operands
+  use viscovib_law_functions, only: divide, f_acos, f_acosh, f_asin, f_asinh, f_atan, f_atan2, &
+                                    f_atanh, f_cos, f_cosh, f_exp, f_log, f_sin, f_sinh, f_sqrt, &
+                                    f_tan, f_tanh, is_whole, known_power, operands, put_number
   use viscovib_law_roots, only: find_roots
   use viscovib_law_term, only: law_term
   implicit none
@@ -104,14 +104,19 @@ contains
     logical :: roots(size(law%program%code))
     real(wp) :: rough(law%program%n_surfaces())
     integer :: first, i, n, wanted
+    logical :: by_number
 
     call find_roots(law%program%code, law%program%number, roots, rough)
     allocate (layers(size(law%program%code)))
     n = 0
     do i = 1, size(law%program%code)
       if (.not. bends(law%program%code(i), law%program%number(i)) .or. roots(i)) cycle
+      ! Of atan2 with a number, which turns where the quotient does.
+      by_number = law%program%code(i) == f_atan2
+      if (by_number) by_number = law%program%code(i - 1) == put_number
+      if (law%program%code(i) == f_atan2 .and. .not. by_number) cycle
       ! Of a quotient what divides.
-      wanted = 1
+      wanted = merge(2, 1, by_number)
       first = i
       do while (wanted > 0)
         first = first - 1
@@ -123,6 +128,11 @@ contains
         operand%program%n_arguments = law%program%n_arguments
         operand%program%code = law%program%code(first:i - 1)
         operand%program%number = law%program%number(first:i - 1)
+        if (by_number) then
+          layers(n)%code = f_atan
+          operand%program%code = [operand%program%code, divide]
+          operand%program%number = [operand%program%number, 0.0_wp]
+        end if
         call operand%program%measure()
         operand%by_q = law%arguments
         operand%by_v = law%rates
@@ -136,8 +146,8 @@ contains
     integer, intent(in) :: code
     real(wp), intent(in) :: number
     select case (code)
-    case (divide, f_sin, f_cos, f_tan, f_asin, f_acos, f_atan, f_sinh, f_cosh, f_tanh, f_asinh, &
-          f_acosh, f_atanh, f_exp, f_log, f_sqrt)
+    case (divide, f_sin, f_cos, f_tan, f_asin, f_acos, f_atan, f_atan2, f_sinh, f_cosh, f_tanh, &
+          f_asinh, f_acosh, f_atanh, f_exp, f_log, f_sqrt)
       bends = .true.
     case (known_power)
       bends = number < 0.0_wp .or. .not. is_whole(number)

@@ -23,6 +23,9 @@ module viscovib_simulate
   public :: run_coarse, run_completed, run_diverged, run_event, run_names, run_stopped, &
     run_unphysical
 
+  !> Parts of a step, before laws count as too fast for it.
+  integer, parameter :: most_parts = 32768
+
 contains
 
   !> Make steps first+1 ... first+n_steps, keeping every save_every-th state and
@@ -238,10 +241,11 @@ contains
     integer, intent(in) :: piece
     real(wp), intent(inout) :: t_reached
     integer, intent(out) :: outcome
-    integer :: n_before
+    integer :: n_before, n_parts
     logical :: more
 
     outcome = run_completed
+    n_parts = 0
     at%n_passed = 0
     at%n_halved = 0
     at%short = .false.
@@ -251,6 +255,8 @@ contains
     if (past%is_due()) call note(past, at%from, method)
     do while (more)
       call step_watched(at, method, system, watch, wanted, more)
+      n_parts = n_parts + 1
+      at%stuck = at%stuck .or. n_parts > most_parts
       if (at%ended) then
         outcome = run_event
         t_reached = at%from

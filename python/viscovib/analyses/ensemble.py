@@ -190,6 +190,7 @@ def simulate_ensemble(
     )
     if job.statistics:
         members.gathered_since = members.discarded
+    members.step_is_sought = _native.is_auto(dt)
     n, error = length.steps(dt, members), None
     raw = job.run(n, progress)
     if _native.is_auto(dt):

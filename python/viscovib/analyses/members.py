@@ -13,8 +13,9 @@ import numpy.typing as npt
 from viscovib import _native
 from viscovib._native import FloatArray, core
 from viscovib.analyses.memoryless import SIDE_BY_SIDE, checked_state
-from viscovib.analyses.runs import MAX_STEPS
+from viscovib.analyses.runs import MAX_STEPS, has_outrun
 from viscovib.errors import InputError
+from viscovib.results.trajectory import OUTCOMES
 from viscovib.systems.load import LoadLike, load_series, name_places
 from viscovib.systems.many_numbers import Kind, ManySystems, linear_parts
 from viscovib.systems.pendulum import PARAMETERS, Pendulum
@@ -24,6 +25,8 @@ from viscovib.systems.polynomial_system import PolynomialSystem
 SCALES = ("load_scale", "stiffness_scale", "damping_scale", "forces_scale")
 #: Among what is asked of runs, behind their steps: of how many moments are wanted.
 _MOMENTS = 6
+#: Place of the outcome "step too large".
+_COARSE = OUTCOMES.index("step too large")
 
 
 class Members(ABC):
@@ -43,6 +46,8 @@ class Members(ABC):
     #: From when on peaks and means along the motions are gathered; None: they are of samples at
     #: steps.
     gathered_since: FloatArray | None = None
+    #: Whether the step is to be found, by runs in shorter and shorter ones.
+    step_is_sought = False
 
     @property
     def n(self) -> int:
@@ -149,6 +154,7 @@ class PolynomialMembers(Members):
             assert with_parameters is not None
             self.kinds, self.own, self.of_laws = with_parameters(numbers)
         self._alone = alone
+        self._made_alone: set[int] = set()
 
     def load_frequencies(self, sections: int) -> tuple[str, FloatArray]:
         """Return nu."""
@@ -208,15 +214,36 @@ class PolynomialMembers(Members):
             np.asfortranarray(self.scales[:, runs]), self.states[runs].T, *given,
         )  # fmt: skip
         h, *asked, sections = given
-        for k in np.flatnonzero(missed):
+        # Once in steps of some length, always: parts of steps are more exact than whole ones, so
+        # that shorter steps would seem to err.
+        self._made_alone.update(runs[missed != 0].tolist())
+        for k in np.flatnonzero([i in self._made_alone for i in runs.tolist()]):
             # Steps side by side may have jumped over thin layers of laws; by itself a run sees.
             i, here = int(runs[k]), slice(k, k + 1)
             its_own = sections[:, :, here] if sections.shape[2] else sections
             one = self._alone().call(slice(i, i + 1), h[here], *asked, its_own)
+            if self.step_is_sought and one[1][0] == _COARSE:
+                self._refuse_outrun(i, float(h[k]), float(one[2][0]), asked)
             for all_of_it, its in zip(found, one, strict=True):
                 if all_of_it.shape[-1]:
                     all_of_it[..., here] = its
         return tuple(found)
+
+    def _refuse_outrun(self, i: int, h: float, reached: float, asked: list[Any]) -> None:
+        """Refuse a run that has run away and outruns its laws, if shorter steps end there too."""
+        method, n_steps, cancel = asked[0], asked[1], asked[-1]
+        nothing = np.empty((0, 0, 0), order="F")
+        again = self._alone().call(
+            slice(i, i + 1), np.array([h / 2]), method, 2 * n_steps, 0, 0.0, 1, 0, 0, 0,
+            np.empty(0), cancel, nothing,
+        )  # fmt: skip
+        state, end = again[0][:, 0], float(again[2][0])
+        if again[1][0] == _COARSE and has_outrun(self.states[i], state, reached, end, h):
+            raise InputError(
+                f"dt = 'auto': run {i} ends at t = {end:.6g}, where its state is "
+                f"{np.array2string(state, precision=3)}: there its laws change too fast for steps "
+                "of any length: take a shorter run, or give dt"
+            )
 
 
 def _side_by_side(method: str) -> str:

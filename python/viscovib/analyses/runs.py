@@ -37,6 +37,8 @@ ROUNDING = 1e-15
 LOCATED = 1e-12
 #: Halvings of the step before a tolerance is given up, and while two runs end unlike each other.
 _MIN_HALVINGS, _MAX_HALVINGS, _MAX_UNLIKE = 5, 12, 9
+#: How many times as large a motion is that has run away.
+_AWAY = 10.0
 #: Coordinates that a message lists.
 _LISTED = 4
 #: Steps of a native call that looks for events.
@@ -107,6 +109,18 @@ def hopeless(changes: list[float]) -> bool:
     if not math.isfinite(changes[-1]):
         return n >= _MAX_UNLIKE
     return n >= _MAX_HALVINGS or 0.1 * changes[-3] < changes[-1]
+
+
+def has_outrun(start: FloatArray, end: FloatArray, one: float, other: float, h: float) -> bool:
+    """Whether a motion that two runs could not follow has run away from where it began.
+
+    ``one``, ``other``: when they ended; they ended at one place, within a step h of the longer.
+    """
+    return bool(
+        min(one, other) > h
+        and abs(one - other) <= h
+        and np.abs(end).max() > _AWAY * np.abs(start).max()
+    )
 
 
 def difference(coarse: Trajectory, fine: Trajectory) -> float:

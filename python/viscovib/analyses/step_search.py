@@ -14,7 +14,14 @@ import numpy as np
 
 from viscovib._native import FloatArray
 from viscovib.analyses.accuracy import Accuracy, most_states, parts_for_peaks, reason, rounding_of
-from viscovib.analyses.runs import LOCATED, NotMetError, difference, hopeless, told_in_one_way
+from viscovib.analyses.runs import (
+    LOCATED,
+    NotMetError,
+    difference,
+    has_outrun,
+    hopeless,
+    told_in_one_way,
+)
 from viscovib.bodies.turning import told_like
 from viscovib.common.plan import Plan
 from viscovib.results.trajectory import Trajectory
@@ -127,7 +134,10 @@ def by_tolerance(
                 ends, change = _with_more_states(make, ends, factor, change, want)
             return _found(ends, change, partial(_plan_of, first, want))
         changes.append(change)
+        outrun = _outrun(coarse, fine)
         before, coarse, held = ends_before, fine, parts
+        if outrun:
+            break
         # Halving gains nothing before what a law depends on is followed.
         if hopeless(changes) and fine.outcome == "completed" and _too_long(fine, _FOLLOWED):
             changes.clear()
@@ -152,6 +162,15 @@ def _parted(coarse: Trajectory, fine: Trajectory, want: Accuracy) -> float:
     off = np.abs(looks[1] - looks[0]).max(axis=0)
     one = np.maximum(want.allowed(looks[1]), _ONE_MOTION * np.abs(looks[1]).max(axis=0))
     return float(off.max()) if (off > one).any() else 0.0
+
+
+def _outrun(coarse: Trajectory, fine: Trajectory) -> bool:
+    """Whether the motion outruns its laws: a step has as many parts at most, of any length."""
+    seen = fine._resume is not None and fine._resume.layers.seen
+    if not seen or not coarse.outcome == fine.outcome == "step too large" or not fine.t.size:
+        return False
+    ends = coarse.t_reached, fine.t_reached
+    return has_outrun(fine.state[0], fine.state[-1], *ends, coarse.step)
 
 
 def _too_long(run: Trajectory, most: float = 1.0) -> bool:
