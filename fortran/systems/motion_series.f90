@@ -147,32 +147,52 @@ contains
     end do
   end subroutine expand
 
-  !> Coefficients k + 1 of a coordinate and its velocity.
+  !> Coefficients k + 1 of a coordinate and its velocity; blocks by turns, so that no sum waits.
   pure subroutine next_terms(n, products, n_orders, order, k, d, h, terms, loads, s)
     integer, intent(in) :: n, products(:), n_orders, order, k, d
     real(wp), intent(in) :: h(n_lanes, n_blocks), terms(n_lanes, n_blocks, *)
     real(wp), intent(in) :: loads(n_lanes, n_blocks, 2*n_orders)
     real(wp), intent(inout) :: s(n_lanes, n_blocks, 0:order, *)
-    real(wp) :: a(n_lanes), part
-    integer :: b, j, m
+    real(wp), dimension(n_lanes) :: a1, a2, a3, a4
+    real(wp) :: part
+    integer :: j, m
 
     part = 1.0_wp/(k + 1)
     m = 2*n + size(products)
-    do b = 1, n_blocks
-      a = 0.0_wp
-      do j = 1, n
-        call add_product(a, terms(1, b, 2*j - 1), s(1, b, k, j))
-        call add_product(a, terms(1, b, 2*j), s(1, b, k, n + j))
-      end do
-      do j = 1, size(products)
-        call add_product(a, terms(1, b, 2*n + j), s(1, b, k, products(j)))
-      end do
-      do j = 1, 2*n_orders
-        call add_product(a, terms(1, b, m + j), loads(1, b, j))
-      end do
-      call integrate(part, h(1, b), s(1, b, k, n + d), s(1, b, k + 1, d))
-      call integrate(part, h(1, b), a, s(1, b, k + 1, n + d))
+    a1 = 0.0_wp
+    a2 = 0.0_wp
+    a3 = 0.0_wp
+    a4 = 0.0_wp
+    do j = 1, n
+      call add_product(a1, terms(1, 1, 2*j - 1), s(1, 1, k, j))
+      call add_product(a2, terms(1, 2, 2*j - 1), s(1, 2, k, j))
+      call add_product(a3, terms(1, 3, 2*j - 1), s(1, 3, k, j))
+      call add_product(a4, terms(1, 4, 2*j - 1), s(1, 4, k, j))
+      call add_product(a1, terms(1, 1, 2*j), s(1, 1, k, n + j))
+      call add_product(a2, terms(1, 2, 2*j), s(1, 2, k, n + j))
+      call add_product(a3, terms(1, 3, 2*j), s(1, 3, k, n + j))
+      call add_product(a4, terms(1, 4, 2*j), s(1, 4, k, n + j))
     end do
+    do j = 1, size(products)
+      call add_product(a1, terms(1, 1, 2*n + j), s(1, 1, k, products(j)))
+      call add_product(a2, terms(1, 2, 2*n + j), s(1, 2, k, products(j)))
+      call add_product(a3, terms(1, 3, 2*n + j), s(1, 3, k, products(j)))
+      call add_product(a4, terms(1, 4, 2*n + j), s(1, 4, k, products(j)))
+    end do
+    do j = 1, 2*n_orders
+      call add_product(a1, terms(1, 1, m + j), loads(1, 1, j))
+      call add_product(a2, terms(1, 2, m + j), loads(1, 2, j))
+      call add_product(a3, terms(1, 3, m + j), loads(1, 3, j))
+      call add_product(a4, terms(1, 4, m + j), loads(1, 4, j))
+    end do
+    call integrate(part, h(1, 1), s(1, 1, k, n + d), s(1, 1, k + 1, d))
+    call integrate(part, h(1, 2), s(1, 2, k, n + d), s(1, 2, k + 1, d))
+    call integrate(part, h(1, 3), s(1, 3, k, n + d), s(1, 3, k + 1, d))
+    call integrate(part, h(1, 4), s(1, 4, k, n + d), s(1, 4, k + 1, d))
+    call integrate(part, h(1, 1), a1, s(1, 1, k + 1, n + d))
+    call integrate(part, h(1, 2), a2, s(1, 2, k + 1, n + d))
+    call integrate(part, h(1, 3), a3, s(1, 3, k + 1, n + d))
+    call integrate(part, h(1, 4), a4, s(1, 4, k + 1, n + d))
   end subroutine next_terms
 
   !> sin and cos of each order at the start, by rotation.

@@ -47,14 +47,14 @@ contains
           s(:, k, to) = 0.0_wp
           if (k == 0) s(:, 0, to) = c
         case (scale_up)
-          s(:, k, to) = c*s(:, k, a)
+          call put_multiple(c, s(1, k, a), s(1, k, to))
         case (shift)
           s(:, k, to) = s(:, k, a)
           if (k == 0) s(:, 0, to) = s(:, 0, to) + c
         case (add_up)
-          s(:, k, to) = s(:, k, a) + s(:, k, b)
+          call put_sum(1.0_wp, s(1, k, a), s(1, k, b), s(1, k, to))
         case (take_off)
-          s(:, k, to) = s(:, k, a) - s(:, k, b)
+          call put_sum(-1.0_wp, s(1, k, a), s(1, k, b), s(1, k, to))
         case (product_of)
           call product_term(k, 1.0_wp, s(1, 0, a), s(1, 0, b), s(1, k, to))
         case (square_of)
@@ -176,18 +176,52 @@ contains
       y(:, k - 1, 2) = confined((k*a(:, k) - term)/divisor(b(:, 0)))
       y(:, k, 1) = part*y(:, k - 1, 2)
     case (grow)
-      y(:, k - 1, 2) = k*a(:, k)
+      call put_times(k, a(1, k), y(1, k - 1, 2))
       call product_term(k - 1, part, y(1, 0, 2), y, y(1, k, 1))
     case (bend)
-      y(:, k - 1, 3) = k*a(:, k)
+      call put_times(k, a(1, k), y(1, k - 1, 3))
       call product_term(k - 1, part, y(1, 0, 3), y(1, 0, 2), y(1, k, 1))
       call square_term(k, sign_of, y, y(1, k, 2))
     case default
-      y(:, k - 1, 3) = k*a(:, k)
+      call put_times(k, a(1, k), y(1, k - 1, 3))
       call product_terms(k - 1, part, merge(-part, part, code == turn), y(1, 0, 3), y(1, 0, 2), y, &
                          y(1, k, 1), y(1, k, 2))
     end select
   end subroutine go_on
+
+  !> c x in every lane. These are not unrolled, as in `viscovib_wide_series`.
+  pure subroutine put_multiple(c, x, y)
+    real(wp), intent(in) :: c(n_wide), x(n_wide)
+    real(wp), intent(out) :: y(n_wide)
+    integer :: l
+    !GCC$ unroll 1
+    do l = 1, n_wide
+      y(l) = c(l)*x(l)
+    end do
+  end subroutine put_multiple
+
+  !> k x in every lane.
+  pure subroutine put_times(k, x, y)
+    integer, intent(in) :: k
+    real(wp), intent(in) :: x(n_wide)
+    real(wp), intent(out) :: y(n_wide)
+    integer :: l
+    !GCC$ unroll 1
+    do l = 1, n_wide
+      y(l) = k*x(l)
+    end do
+  end subroutine put_times
+
+  !> a + c b in every lane.
+  pure subroutine put_sum(c, a, b, y)
+    real(wp), intent(in) :: c, a(n_wide), b(n_wide)
+    real(wp), intent(out) :: y(n_wide)
+    integer :: l
+    !GCC$ unroll 1
+    do l = 1, n_wide
+      y(l) = a(l) + c*b(l)
+    end do
+  end subroutine put_sum
 
   !> What runs away stays a number.
   elemental real(wp) function confined(x)

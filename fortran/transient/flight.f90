@@ -234,9 +234,10 @@ contains
     rate_before = f%rate
     good = made .and. sum(abs(f%q(:, :f%n)), 2)/system%range%coordinate &
            + sum(abs(f%v(:, :f%n)), 2)/system%range%speed <= 1.0_wp
-    call measure_margin(f, system, block%h)
     doubtful = f%alive .and. .not. good
+    ! Equations that hold everywhere have a margin that does not change.
     if (system%limited) then
+      call measure_margin(f, system, block%h)
       least = least_between(margin_before, rate_before, f%margin, f%rate)
       if (f%method%table%implicit) least = min(least, f%method%margin_at_nodes(system))
       do l = 1, n_lanes
