@@ -68,3 +68,16 @@ def test_a_single_motion_that_outruns_its_law_ends():
     assert run.outcome == "step too large"
     assert 5 < run.t_reached < 15
     assert np.isfinite(run.state).all()
+
+
+def test_a_run_made_by_itself_stays_so_in_shorter_steps():
+    """Whole steps that just see a layer are less exact than parts were: the search went on."""
+    system = vv.PolynomialSystem(mass=1, stiffness=1, damping=0.05, forces="0.5*tanh(x_dot/0.05)")
+    many = vv.simulate_ensemble(system, initial=[8.0, 0.1], t_end=10.0, method="dop8", n_threads=1)
+    judge = solve_ivp(
+        lambda t, y: [y[1], -y[0] - 0.05 * y[1] - 0.5 * np.tanh(y[1] / 0.05)],
+        (0, 10), [8.0, 0.1], "DOP853", rtol=1e-12, atol=1e-12,
+    )  # fmt: skip
+    assert np.abs(judge.y[:, -1] - many.state[0]).max() < 1e-8
+    # A sixteenth of it before.
+    assert many.step[0] > 0.02
