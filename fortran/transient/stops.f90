@@ -3,7 +3,8 @@
 !!
 !! Verner's method of order 9 with step doubling, independent of the method of the run:
 !! a step counts only if two of half its length give the same. The place is then found
-!! by bisection of the last of them.
+!! by bisection of the last of them. Systems that go by their sections have more coordinates than
+!! there is room for in a lane: their small steps are those of sections.
 !!
 !! A damped pendulum reaches its pivot otherwise than by passing it: near it the damping
 !! moment -c phi' takes the angular momentum (1+z)^2 phi' away at the rate c/(1+z)^2, and
@@ -17,6 +18,7 @@ module viscovib_stops
   use viscovib_explicit, only: explicit_type, new_explicit
   use viscovib_kinds, only: wp
   use viscovib_lanes, only: n_lanes
+  use viscovib_modal_gauss, only: modal_gauss_type, new_modal_gauss
   use viscovib_quadrature, only: gauss_nodes
   use viscovib_step_path, only: new_path, step_path
   use viscovib_stiff_step, only: fastest_damping, n_nodes, radau_nodes, stiff_step
@@ -53,6 +55,9 @@ module viscovib_stops
   real(wp), parameter :: order = 10.0_wp
   !> Place of the method in `explicit_names`.
   integer, parameter :: method_place = 4
+  !> Nodes of a small step of sections, and to what part of the motion its equations are solved.
+  integer, parameter :: section_nodes = 8
+  real(wp), parameter :: solved = 1.0e-15_wp
 
   !> How a motion ends in a step, when and where; `run_completed`: it does not.
   type :: stop_type
@@ -152,8 +157,10 @@ contains
     ! Steps that are too large may overflow, which is how they are known.
     call ieee_get_halting_mode(ieee_all, halting)
     call ieee_set_halting_mode(ieee_all, .false.)
-    call new_explicit(method, system%n_dof, method_place, frequencies, spread(q, 1, n_lanes), &
-                      spread(v, 1, n_lanes), start, spread(0.0_wp, 1, n_lanes))
+    if (.not. allocated(system%frame)) then
+      call new_explicit(method, system%n_dof, method_place, frequencies, spread(q, 1, n_lanes), &
+                        spread(v, 1, n_lanes), start, spread(0.0_wp, 1, n_lanes))
+    end if
     call march(system, method, begin, h, stop, visitor)
     call ieee_set_flag(ieee_all, .false.)
     call ieee_set_halting_mode(ieee_all, halting)
@@ -284,7 +291,19 @@ contains
     real(wp), dimension(n_lanes, system%n_dof) :: q, v
     real(wp), dimension(n_nodes, system%n_dof) :: q_nodes, v_nodes
     real(wp) :: h(n_lanes)
+    type(modal_gauss_type) :: sections
 
+    if (allocated(system%frame)) then
+      next = at
+      call new_modal_gauss(sections, system, section_nodes, at%q, at%v, at%start + at%ahead, s, &
+                           solved)
+      if (system%timed) sections%since = at%start - system%present_piece(1) + at%ahead
+      call sections%step(system, next%made)
+      next%ahead = at%ahead + s
+      next%q = sections%q
+      next%v = sections%v
+      return
+    end if
     if (at%implicit) then
       next = at
       call nodes_of(system, at, s, q_nodes, v_nodes, next%made)

@@ -198,3 +198,26 @@ def test_scenes_and_python_take_the_same_steps(tmp_path, n, order):
         vv.run(scene).to_csv(table)
         rows = [row for row in table.read_text().splitlines() if row[0].isdigit()]
         np.testing.assert_array_equal([float(row.split(",")[0]) for row in rows], run.t)
+
+
+def test_escapes_are_those_of_few_coordinates():
+    """A softening spring beside a gap: when the motion runs away, alone and in a structure of 8."""
+
+    def escape(seed, more):
+        rng = np.random.default_rng(seed)
+        n = 3 + more
+        k, start = np.eye(n), np.zeros(2 * n)
+        k[:3, :3] = np.diag(rng.uniform(2, 4, 3)) - np.eye(3, k=1) - np.eye(3, k=-1)
+        mass = np.r_[rng.uniform(0.5, 2, 3), np.ones(more)]
+        start[::2], start[0] = 0.1, rng.uniform(1.5, 3)
+        spring = vv.Spring(on="x1", law=f"{-rng.uniform(1, 5)}*d^3")
+        structure = vv.Structure(
+            mass=mass, stiffness=k, damping=0.1 * np.ones(n),
+            elements=[spring, vv.Gap(on="x2", stiffness=3, gap=0.12)],
+        )  # fmt: skip
+        run = vv.simulate(structure, 20, dt=0.05, initial=start)
+        assert run.outcome == "diverged"
+        return run.t_reached
+
+    for seed in range(6):
+        assert escape(seed, 5) == pytest.approx(escape(seed, 0), rel=1e-12)
