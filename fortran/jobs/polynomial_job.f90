@@ -2,6 +2,7 @@
 module viscovib_polynomial_job
   use viscovib_counters, only: count_up, counted_idle, counting
   use viscovib_kinds, only: wp
+  use viscovib_law_program, only: branches
   use viscovib_load, only: load_type
   use viscovib_plan_text, only: tell_idle, tell_laws, tell_zeros
   use viscovib_polynomial, only: polynomial_type
@@ -44,14 +45,19 @@ contains
     if (.not. status%failed()) call trajectory%spread_out(moved)
   end subroutine run_polynomial_job
 
-  !> Coordinates that the load or the start moves; of a watched motion all are computed.
+  !> Coordinates that the load or the start moves; of a watched motion all are computed, and where
+  !! laws switch: what they know is kept in one order, whatever acts later on.
   pure function driven(job, system, load)
     type(transient_job), intent(in) :: job
     type(polynomial_type), intent(in) :: system
     type(load_type), intent(in) :: load
     logical :: driven(size(job%initial)/2)
+    integer :: i
     driven = load%drives(system) .or. abs(job%initial(1::2)) > 0.0_wp &
              .or. abs(job%initial(2::2)) > 0.0_wp .or. allocated(job%watched)
+    do i = 1, size(system%laws)
+      driven = driven .or. system%laws(i)%state > 0 .or. any(branches(system%laws(i)%program%code))
+    end do
   end function driven
 
   !> The same with all coordinates.

@@ -251,3 +251,29 @@ def test_a_kernel_fitted_for_a_short_run_serves_one_a_hundred_times_as_long(kern
         vv.InputError, match="t_end = 101: a run made for t_end = 1 may go on to 100"
     ):
         vv.simulate(body, 101, resume=first)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_other_loads_leave_no_coordinate_behind(seed):
+    """Two masses that do not act on each other move as each does alone, whichever is loaded."""
+    rng = np.random.default_rng(seed)
+    k, f = rng.uniform(1, 3, 2), rng.uniform(0.05, 0.2, 2)
+    kinds, *loaded = rng.integers(0, 2, (3, 2))
+    begin = rng.integers(0, 2, (2, 2)) * rng.uniform(-0.5, 0.05, (2, 2))
+    first, then = loaded * rng.uniform(0.2, 1, (2, 2))
+
+    def element(on, i):
+        if kinds[i]:
+            return vv.Gap(on=on, stiffness=k[i], gap=f[i])
+        return vv.Jenkins(on=on, stiffness=k[i], limit=f[i])
+
+    def run(places):
+        system = vv.Structure(
+            mass=np.ones(len(places)), stiffness=k[places], damping=0.1 * k[places],
+            elements=[element(f"x{j + 1}", i) for j, i in enumerate(places)],
+        )  # fmt: skip
+        start = begin[places].ravel()
+        before = vv.simulate(system, 2, dt=0.02, initial=start, load=first[places], nu=1.1)
+        return vv.simulate(system, 5, resume=before, load=then[places], nu=1.7).state[-1]
+
+    np.testing.assert_allclose(run([0, 1]), np.concatenate([run([0]), run([1])]), atol=1e-12)

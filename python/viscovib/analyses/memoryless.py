@@ -165,7 +165,11 @@ def polynomial_runs(
         pushed[i] or any(forces[i]) or starts[2 * i] != 0 or starts[2 * i + 1] != 0
         for i in range(n)
     ]
-    moves = _all_move(n) if all(driven) else moving(system, np.array(driven))
+    # What elements and surfaces know is kept in one order, whatever acts later on.
+    switches = n > MAX_DOF or any(
+        law.state or law.branches for group in system.groups for _, law in group.laws
+    )
+    moves = _all_move(n) if switches or all(driven) else moving(system, np.array(driven))
     layers = ThinLayers()
     job = (system._flat, orders, series, frequency, breaks, pieces, moves, layers, force)
     return partial(PolynomialRun.of_job, system, name, state, solved, job), steps
