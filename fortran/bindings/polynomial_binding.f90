@@ -108,8 +108,11 @@ subroutine polynomial_simulate(flat, n_flat, orders, series, n_rows, n_series, n
     call new_stepper(stepper, motion, method, initial(2*dofs - 1), initial(2*dofs), start, &
                      mesh%h(mesh%piece_of(first)), tolerance)
     if (resume == 1) call stepper%load_memory(memory(:stepper%memory_size()))
-    i = stepper%memory_size()
-    if (resume > 0) call motion%recall_switches(memory(i + 1:i + motion%n_switches()))
+    if (resume > 0) then
+      ! Behind what the method kept under the loads before, which may have been as many or not.
+      i = nint(memory(n_memory))
+      call motion%recall_switches(memory(i + 1:i + motion%n_switches()))
+    end if
     if (n_watch > 1) then
       ! All coordinates are computed then.
       call new_watch(watch, watched, sides)

@@ -277,3 +277,32 @@ def test_other_loads_leave_no_coordinate_behind(seed):
         return vv.simulate(system, 5, resume=before, load=then[places], nu=1.7).state[-1]
 
     np.testing.assert_allclose(run([0, 1]), np.concatenate([run([0]), run([1])]), atol=1e-12)
+
+
+@pytest.mark.parametrize("first", ["load", "force"])
+def test_loads_and_tables_take_turns_beside_elements(first):
+    """A constant load as a number and as a table, one after the other: what sliders know stays."""
+    rng = np.random.default_rng(5)
+    for n in (2, 8):
+        k = 2 * np.eye(n) - np.eye(n, k=1) - np.eye(n, k=-1)
+        system = vv.Structure(
+            mass=np.ones(n), stiffness=k, damping=0.05 * k,
+            elements=[
+                vv.Jenkins(on=("x1", "x2"), stiffness=3, limit=0.1),
+                vv.Gap(on="x2", stiffness=10, gap=0.1),
+            ],
+        )  # fmt: skip
+        push = rng.uniform(0.3, 1, (2, n))
+
+        def acts(row, kind, begin, push=push, n=n):
+            if kind == "load":
+                return {"load": {0: 1j * push[row]}, "nu": 0.0}
+            table = vv.LoadTable(times=[begin, begin + 4], values=[push[row]] * 2)
+            return {"load": 0, "force": table}
+
+        def run(one, other, system=system, acts=acts):
+            before = vv.simulate(system, 4, dt=0.02, **acts(0, one, 0))
+            return vv.simulate(system, 8, resume=before, **acts(1, other, 4)).state[-1]
+
+        then = "force" if first == "load" else "load"
+        np.testing.assert_allclose(run(first, then), run(first, first), atol=1e-11)
