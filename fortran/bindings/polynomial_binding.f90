@@ -18,12 +18,12 @@ subroutine polynomial_check(flat, n_flat, status)
   call report(outcome, status)
 end subroutine polynomial_check
 
-!> Motion of a system without memory; the load and its frequency as in mount_binding, all else as
-!! in `pendulum_simulate`, but resume = 2: under other loads, elements remembering; the last
-!! numbers of kept: whether steps were made in parts, and how many of it are the method's;
-!! in_parts /= 0: all steps are made in parts that see thin layers of forces; thin: how thin one may
-!! be for a part. moves, breaks, pieces, ends and made_by as in `mount_simulate`, with less than two
-!! breaks there is no load but the periodic one.
+!> Motion of a system without memory, or with one of exponentials alone; the load and its frequency
+!! as in mount_binding, all else as in `pendulum_simulate`, but resume = 2: under other loads,
+!! elements remembering; the last numbers of kept: whether steps were made in parts, and how many
+!! of it are the method's; in_parts /= 0: all steps are made in parts that see thin layers of
+!! forces; thin: how thin one may be for a part. moves, breaks, pieces, ends and made_by as in
+!! `mount_simulate`, with less than two breaks there is no load but the periodic one.
 subroutine polynomial_simulate(flat, n_flat, orders, series, n_rows, n_series, nu, breaks, &
                                pieces, n_breaks, ends, made_by, n_ends, method, in_parts, thin, &
                                moves, initial, h, tolerance, first, n_steps, save_every, resume, &
@@ -42,7 +42,7 @@ subroutine polynomial_simulate(flat, n_flat, orders, series, n_rows, n_series, n
   use viscovib_status, only: status_type
   use viscovib_stepper, only: stepper_type
   use viscovib_system_vector, only: polynomial_from_vector
-  use viscovib_watch, only: new_watch, watch_type
+  use viscovib_watch, only: new_watch, renumbered, watch_type
   implicit none
   integer(c_int), intent(in) :: n_flat, n_rows, n_series, orders(n_series), n_breaks, n_ends
   integer(c_int), intent(in) :: method, in_parts, resume, n_memory, n_times, n_columns
@@ -71,9 +71,10 @@ subroutine polynomial_simulate(flat, n_flat, orders, series, n_rows, n_series, n
   type(load_type) :: part
   type(mesh_type) :: mesh
   real(c_double), allocatable :: some_states(:, :), some_at_times(:, :)
+  real(c_double), allocatable :: hidden(:, :)
   real(c_double) :: start
   integer, allocatable :: dofs(:), rows(:)
-  integer :: i
+  integer :: i, n
 
   kept = 0.0_c_double
   last = initial
@@ -105,8 +106,16 @@ subroutine polynomial_simulate(flat, n_flat, orders, series, n_rows, n_series, n
     call new_mesh(mesh, h, ends, made_by)
     start = 0.0_c_double
     if (first > 0) start = mesh%time(mesh%piece_of(first - 1), first)
-    call new_stepper(stepper, motion, method, initial(2*dofs - 1), initial(2*dofs), start, &
-                     mesh%h(mesh%piece_of(first)), tolerance)
+    ! Under other loads what is remembered goes on: all coordinates, then all velocities.
+    n = size(dofs)
+    allocate (hidden(motion%n_hidden, 2), source=0.0_c_double)
+    if (resume == 2) then
+      hidden(:, 1) = memory(n + 1:motion%n_dof)
+      hidden(:, 2) = memory(motion%n_dof + n + 1:2*motion%n_dof)
+    end if
+    call new_stepper(stepper, motion, method, [initial(2*dofs - 1), hidden(:, 1)], &
+                     [initial(2*dofs), hidden(:, 2)], start, mesh%h(mesh%piece_of(first)), &
+                     tolerance)
     if (resume == 1) call stepper%load_memory(memory(:stepper%memory_size()))
     if (resume > 0) then
       ! Behind what the method kept under the loads before, which may have been as many or not.
@@ -115,7 +124,7 @@ subroutine polynomial_simulate(flat, n_flat, orders, series, n_rows, n_series, n
     end if
     if (n_watch > 1) then
       ! All coordinates are computed then.
-      call new_watch(watch, watched, sides)
+      call new_watch(watch, renumbered(watched, n, [(i, i=1, motion%n_dof)]), sides)
       call simulate(stepper, motion, first, n_steps, save_every, times, states, at_times, n_done, &
                     n_reached, t_reached, ended, mesh, watch)
       call watch%hand_over(sides, found, n_found)
@@ -136,8 +145,8 @@ subroutine polynomial_simulate(flat, n_flat, orders, series, n_rows, n_series, n
     kept(i + 1:i + motion%n_switches()) = motion%keep_switches()
     kept(n_memory - 1) = merge(1.0_c_double, 0.0_c_double, motion%in_parts)
     kept(n_memory) = i
-    last(2*dofs - 1) = stepper%q
-    last(2*dofs) = stepper%v
+    last(2*dofs - 1) = stepper%q(:n)
+    last(2*dofs) = stepper%v(:n)
     n_evaluations = stepper%n_evaluations
   end if
   call report(outcome, status)
@@ -206,3 +215,24 @@ subroutine polynomial_plan(flat, n_flat, orders, series, n_rows, n_series, initi
   end if
   call report(outcome, status)
 end subroutine polynomial_plan
+
+!> How many coordinates the memory of a system takes in such a motion; -1: not all of its kernels
+!! are sums of exponentials.
+subroutine hidden_coordinates(flat, n_flat, n_hidden, status)
+  use, intrinsic :: iso_c_binding, only: c_double, c_int
+  use viscovib_binding_tools, only: report
+  use viscovib_hidden_memory, only: count_hidden
+  use viscovib_polynomial, only: polynomial_type
+  use viscovib_status, only: status_type
+  use viscovib_system_vector, only: polynomial_from_vector
+  implicit none
+  integer(c_int), intent(in) :: n_flat
+  real(c_double), intent(in) :: flat(n_flat)
+  integer(c_int), intent(out) :: n_hidden, status
+  type(polynomial_type) :: system
+  type(status_type) :: outcome
+  n_hidden = -1
+  call polynomial_from_vector(system, flat, outcome)
+  if (.not. outcome%failed()) n_hidden = count_hidden(system)
+  call report(outcome, status)
+end subroutine hidden_coordinates

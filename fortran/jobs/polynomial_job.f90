@@ -1,6 +1,7 @@
-!> A motion in time of a polynomial system without memory as one job.
+!> A motion in time of a polynomial system without memory, or with one of exponentials, as one job.
 module viscovib_polynomial_job
   use viscovib_counters, only: count_up, counted_idle, counting
+  use viscovib_hidden_memory, only: count_hidden
   use viscovib_kinds, only: wp
   use viscovib_law_program, only: branches
   use viscovib_load, only: load_type
@@ -8,7 +9,7 @@ module viscovib_polynomial_job
   use viscovib_polynomial, only: polynomial_type
   use viscovib_polynomial_motion, only: new_polynomial_motion, polynomial_motion_type
   use viscovib_reduction, only: moved_coordinates, reduce, state_mask
-  use viscovib_status, only: status_type
+  use viscovib_status, only: status_type, things
   use viscovib_transient_job, only: run_transient, trajectory_type, transient_job
   use viscovib_transient_plan, only: plan_transient
   implicit none
@@ -83,7 +84,10 @@ contains
     type(polynomial_type), intent(in) :: system
     type(load_type), intent(in) :: load
     character(len=:), allocatable :: text
-    text = plan_transient(job)//'skips: memory (no kernels)'//new_line('a') &
+    text = 'skips: memory (no kernels)'
+    if (count_hidden(system) > 0) text = 'computes: memory by '//things(count_hidden(system), &
+                                                                        'exponential')
+    text = plan_transient(job)//text//new_line('a') &
            //tell_idle(moved_coordinates(system, driven(job, system, load))) &
            //tell_laws(system)//tell_zeros(system, load)
   end function plan_polynomial

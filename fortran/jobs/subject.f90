@@ -27,6 +27,8 @@ module viscovib_subject
     !> A pendulum with loads of its own; else a mount, a polynomial system, a structure or a body
     !! under `load`.
     logical :: is_pendulum = .false., is_polynomial = .false., is_structure = .false.
+    !> A structure whose motion in time is that of its whole equations, which are `polynomial`.
+    logical :: goes_whole = .false.
     !> A body under finite rotations; one under small ones is a polynomial system.
     logical :: is_turning = .false.
     !> Any body in space: its centre of mass in the axes of the positions, and how it is turned
@@ -90,12 +92,14 @@ contains
     end if
   end function base_direction
 
-  !> Whether its motion in time is that of a system with memory: of mounts always.
+  !> Whether its motion in time is that of a system with memory: of mounts always; by its whole
+  !! equations a structure remembers by coordinates.
   pure logical function remembers(self)
     class(subject_type), intent(in) :: self
     remembers = .not. self%is_pendulum
     if (self%is_polynomial) remembers = any(self%polynomial%kernel_of > 0) &
                                         .or. self%polynomial%n_silent > 0
+    remembers = remembers .and. .not. self%goes_whole
   end function remembers
 
   !> What was condensed, a line of a plan; nothing where nothing was.

@@ -17,14 +17,15 @@ contains
     class(transient_job), intent(in) :: job
     class(driven_system_type), intent(in) :: system
     type(status_type), intent(out) :: status
-    real(wp) :: q(size(job%initial)/2)
+    real(wp) :: q(system%n_dof)
     integer :: i
 
     do i = 1, size(job%initial)
       call check_finite('initial', job%initial(i), status)
       if (status%failed()) return
     end do
-    q = job%initial(1::2)
+    q = 0.0_wp
+    q(:size(job%initial)/2) = job%initial(1::2)
     if (.not. system%physical(q)) then
       call fail(status, status_input_error, 'initial', 'initial: this state is outside what the ' &
                 //'equations describe (z must be greater than -1)')

@@ -7,12 +7,11 @@ module viscovib_transient_job
   use viscovib_kinds, only: i8, wp
   use viscovib_limits, only: min_time_tolerance
   use viscovib_method_catalogue, only: new_stepper
-  use viscovib_simulate, only: run_completed, run_names, run_stopped, &
-    simulate
+  use viscovib_simulate, only: run_completed, run_names, run_stopped, simulate
   use viscovib_status, only: fail, set_ok, show, status_input_error, status_type
   use viscovib_stepper, only: stepper_type
   use viscovib_trajectory, only: change_of, trajectory_type
-  use viscovib_watch, only: new_watch
+  use viscovib_watch, only: new_watch, renumbered
   implicit none
   private
 
@@ -460,11 +459,12 @@ contains
     real(wp), allocatable :: states(:, :)
     real(wp) :: no_times(0), no_states(size(job%initial), 0)
     integer(i8) :: every, kept, i
-    integer :: n_reached
+    integer :: j, m, n_reached
 
+    m = size(job%initial)/2
     if (allocated(job%watched)) then
       allocate (trajectory%watch)
-      call new_watch(trajectory%watch, job%watched)
+      call new_watch(trajectory%watch, renumbered(job%watched, m, [(j, j=1, self%system%n_dof)]))
     end if
     if (counting) call count_up(counted_runs, 1)
     every = job%steps_apart(n, thinning)
@@ -479,8 +479,8 @@ contains
                   trajectory%n_steps, n_reached, trajectory%t_reached, trajectory%outcome, &
                   watch=trajectory%watch)
     trajectory%last = job%initial
-    trajectory%last(1::2) = stepper%q
-    trajectory%last(2::2) = stepper%v
+    trajectory%last(1::2) = stepper%q(:m)
+    trajectory%last(2::2) = stepper%v(:m)
     if (job%last_only) then
       trajectory%t = [trajectory%t_reached]
       allocate (trajectory%states(size(job%initial), 1))

@@ -19,7 +19,7 @@ module viscovib_section_step
   implicit none
   private
 
-  public :: free_section, driven_section, section_wave
+  public :: free_section, driven_section, relaxing_section, section_wave
   public :: grown, legendre_moments, slope_of_growth
 
   !> Sizes of roots below which powers of time serve; their distance, and the same by their size,
@@ -99,6 +99,18 @@ contains
       end if
     end if
   end subroutine driven_section
+
+  !> Of a section that nothing pulls back, v' + rate v = f: what v gains by itself, as a part of it,
+  !! and by Legendre's polynomials, shape (0:n-1).
+  pure subroutine relaxing_section(rate, gained, by_order)
+    real(wp), intent(in) :: rate
+    real(wp), intent(out) :: gained, by_order(0:)
+    complex(wp) :: moments(0:size(by_order) - 1)
+
+    gained = less_one(-rate)
+    call legendre_moments(cmplx(-rate, 0.0_wp, wp), moments)
+    by_order = real(moments)
+  end subroutine relaxing_section
 
   !> Answer to exp(i mu t) from rest, and its velocity.
   pure subroutine section_wave(square, rate, mu, answer, velocity)

@@ -73,16 +73,16 @@ contains
     logical, intent(in), optional :: from_rest
     type(status_type) :: checked
     character(len=:), allocatable :: word
-    real(wp) :: start(2*system%n_dof)
+    real(wp) :: start(2*(system%n_dof - system%n_hidden))
     logical :: may_lack
 
     may_lack = .false.
     if (present(from_rest)) may_lack = from_rest
     if (may_lack) then
       start = 0.0_wp
-      job%initial = reader%read_reals('initial', 2*system%n_dof, start)
+      job%initial = reader%read_reals('initial', 2*(system%n_dof - system%n_hidden), start)
     else
-      job%initial = reader%read_reals('initial', 2*system%n_dof)
+      job%initial = reader%read_reals('initial', 2*(system%n_dof - system%n_hidden))
     end if
     job%t_end = reader%read_real('t_end')
     job%dt = reader%read_real('dt', 0.0_wp)

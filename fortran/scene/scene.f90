@@ -142,22 +142,26 @@ contains
     type(load_type), intent(in) :: load
     type(subject_type), intent(inout) :: subject
     type(status_type), intent(inout) :: status
-    integer :: i, method
+    integer :: i, method, n_hidden
+    logical :: in_sections
 
     i = place_of(file, 'transient')
     if (i > size(file%groups)) return
     if (.not. switches(subject%model)) return
+    call whole_polynomial(subject%model, subject%structure%kernels, subject%polynomial, n_hidden, &
+                          status)
+    if (status%failed() .or. n_hidden < 0) return
+    in_sections = size(subject%model%mass, 1) > max_dof .or. n_hidden > 0
     associate (group => file%groups(i))
       if (group%find('held') > 0 .or. group%find('memory') > 0) return
       method = group%find('method')
       if (method > 0) then
         method = findloc(transient_methods == group%entries(method)%values(1)%text, .true., 1)
         if (method == 0) return
-        if (size(subject%model%mass, 1) > max_dof .and. .not. takes_sections(method)) return
+        if (in_sections .and. .not. takes_sections(method)) return
       end if
     end associate
-    call whole_polynomial(subject%model, subject%polynomial, status)
-    if (status%failed()) return
+    subject%goes_whole = .true.
     subject%load = load
     subject%is_structure = .false.
     subject%is_polynomial = .true.

@@ -24,6 +24,8 @@ module viscovib_driven_system
 
   type, abstract :: driven_system_type
     integer :: n_dof = 0
+    !> The last of these stand for what is remembered: they begin with 0, and no result tells them.
+    integer :: n_hidden = 0
     !> Circular frequencies of the loads (rad/s or dimensionless).
     real(wp), allocatable :: drives(:)
     !> Quarter turns ahead of each load, 0 to 3: 3 makes a sine of the cosine.

@@ -7,7 +7,7 @@
 !! Phi being the modes of M and of the symmetric part of K, mass normalised, rate the diagonal of
 !! Phi^T C Phi; N and D, what is left of K and C, are 0 for symmetric K and damping by modes. A
 !! coordinate whose displacement no spring sees and that shares no mass, as one whose rate is a
-!! state of memory, is a section by itself.
+!! state of memory (viscovib_hidden_memory), is a section by itself.
 module viscovib_modal_frame
   use viscovib_kinds, only: wp
   use viscovib_symmetric_modes, only: find_symmetric_modes
@@ -26,6 +26,9 @@ module viscovib_modal_frame
     real(wp), allocatable :: to_coordinates(:, :), to_sections(:, :)
     !> Shape (n).
     real(wp), allocatable :: squares(:), rates(:)
+    !> Sections whose displacements no force depends on: they stay 0, however far the rates would
+    !! lead, shape (n).
+    logical, allocatable :: unseen(:)
     !> N^T and D^T, shape (n, n); not allocated: 0.
     real(wp), allocatable :: coupling(:, :), drag(:, :)
   contains
@@ -55,10 +58,12 @@ contains
     is_definite = .true.
   end function is_definite
 
-  subroutine new_modal_frame(frame, mass, damping, stiffness, found)
+  subroutine new_modal_frame(frame, mass, damping, stiffness, n_hidden, found)
     type(modal_frame), intent(out) :: frame
     !> M, C and K, shape (n, n).
     real(wp), intent(in) :: mass(:, :), damping(:, :), stiffness(:, :)
+    !> How many of the last coordinates stand for what is remembered.
+    integer, intent(in) :: n_hidden
     !> Not where M is not symmetric and positive definite.
     logical, intent(out) :: found
     real(wp), dimension(size(mass, 1), size(mass, 1)) :: shapes, left
@@ -74,6 +79,8 @@ contains
                  .and. count(abs(mass(i, :)) > 0.0_wp) == 1 .and. mass(i, i) > 0.0_wp
     end do
     own = pack([(i, i=1, n)], .not. alone)
+    allocate (frame%unseen(n), source=.false.)
+    frame%unseen(n - n_hidden + 1:) = .true.
     shapes = 0.0_wp
     do i = 1, n
       if (alone(i)) shapes(i, i) = 1.0_wp/sqrt(mass(i, i))
@@ -118,7 +125,7 @@ contains
     soft = merge(1.0_wp, 0.0_wp, soft > 0.0_wp)/merge(soft, 1.0_wp, soft > 0.0_wp)
     softest = 0.0_wp
     heaviest = 0.0_wp
-    do i = 1, size(soft)
+    do i = 1, count(.not. self%unseen)
       softest = max(softest, sum(soft*self%to_coordinates(:, i)**2))
       heaviest = max(heaviest, sum(self%to_coordinates(:, i)**2))
     end do

@@ -13,11 +13,13 @@ module viscovib_polynomial_frame
 contains
 
   !> With the linear parts of its laws.
-  subroutine new_polynomial_frame(frame, pace, system, status)
+  subroutine new_polynomial_frame(frame, pace, system, n_hidden, status)
     type(modal_frame), intent(out) :: frame
     !> That of what coordinates do and laws see (rad/s).
     real(wp), intent(out) :: pace
     type(polynomial_type), intent(in) :: system
+    !> How many of its last coordinates stand for what is remembered.
+    integer, intent(in) :: n_hidden
     type(status_type), intent(inout) :: status
     real(wp), dimension(system%n_dof(), system%n_dof()) :: identity, stiffness, damping
     type(law_term) :: laws(size(system%laws))
@@ -34,7 +36,7 @@ contains
     damping = system%damping
     laws = system%laws
     call part_linear(laws, identity, stiffness, damping)
-    call new_modal_frame(frame, system%mass, damping, stiffness, found)
+    call new_modal_frame(frame, system%mass, damping, stiffness, n_hidden, found)
     if (found) then
       allocate (seen(0, size(identity, 1)))
       do i = 1, size(laws)

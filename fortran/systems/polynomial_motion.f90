@@ -2,12 +2,13 @@
 !!
 !!   M u'' = Im sum_k P_k exp(i k nu t) + F(t) - C u' - K u - f(u).
 !!
-!! Its drives are cos(nu t) and sin(nu t); those of higher orders follow by rotation. The
-!! third, where F is given, is the time since the present piece of it began.
+!! Kernels of exponentials are further coordinates (viscovib_hidden_memory). Drives are
+!! cos(nu t), sin(nu t), those of higher orders follow by rotation, and the time in a piece of F.
 module viscovib_polynomial_motion
   use viscovib_dense, only: invert
   use viscovib_driven_system, only: driven_system_type, range_of_degree
   use viscovib_frozen_surfaces, only: frozen, jump_over
+  use viscovib_hidden_memory, only: count_hidden, unfold_memory
   use viscovib_kinds, only: wp
   use viscovib_lanes, only: add_two, max_dof, most_sloped, n_lanes, turn
   use viscovib_law_branches, only: slides
@@ -22,6 +23,7 @@ module viscovib_polynomial_motion
   use viscovib_status, only: fail, show, status_input_error, status_type
   use viscovib_stops_at_rest, only: push_on
   use viscovib_switched_laws, only: new_switched_laws, switched_laws
+  use viscovib_timed_cubics, only: timed_cubics
   implicit none
   private
 
@@ -37,9 +39,9 @@ module viscovib_polynomial_motion
     !> M^(-1) P_k, shape (n_dof, size(orders)), and orders, ascending.
     complex(wp), allocatable, private :: load(:, :)
     integer, allocatable, private :: orders(:)
-    !> M^(-1) F, sum_p pieces(:,p,i) (t - breaks(i))^(4-p), shape (n_dof, 4, n); nothing
-    !! before the first break and after the last. The present piece, from `enter` on.
-    real(wp), allocatable, private :: breaks(:), pieces(:, :, :), piece(:, :)
+    !> M^(-1) F, and the present piece of it, from `enter` on, shape (n_dof, 4).
+    type(timed_cubics), private :: table
+    real(wp), allocatable, private :: piece(:, :)
   contains
     procedure :: acceleration
     procedure :: linearise
@@ -66,25 +68,46 @@ contains
     !> Circular frequency of the load (rad/s), > 0.
     real(wp), intent(in) :: nu
     type(status_type), intent(out) :: status
-    !> Whether the sections of a linear rest of more coordinates than lanes hold are wanted.
+    !> Whether the sections of a linear rest of more coordinates than lanes hold are wanted, and
+    !! those of exponentials that remember.
     logical, intent(in), optional :: in_sections
-    complex(wp) :: inverse(system%n_dof(), system%n_dof())
-    type(law_term) :: laws(size(system%laws))
-    logical :: singular
-    integer :: i, most
+    type(polynomial_type) :: whole
+    integer :: most, n_hidden
 
     most = max_dof
     if (present(in_sections)) most = merge(most_in_frame, max_dof, in_sections)
-    if (system%n_dof() > most) then
-      call fail(status, status_input_error, 'system', 'system: has '//show(system%n_dof()) &
-                //' coordinates, motion in time takes at most '//show(most))
-    else if (any(system%kernel_of > 0)) then
+    n_hidden = 0
+    if (most > max_dof) n_hidden = max(count_hidden(system), 0)
+    if (system%n_dof() + n_hidden > most) then
+      call fail(status, status_input_error, 'system', 'system: has ' &
+                //show(system%n_dof() + n_hidden)//' coordinates, motion in time takes at most ' &
+                //show(most))
+    else if (any(system%kernel_of > 0) .and. n_hidden == 0) then
       call fail(status, status_input_error, 'system', 'system: has memory, motion in time is ' &
                 //'computed without: leave out the kernels')
     else if (load%moves_base()) then
       call fail(status, status_input_error, 'base', 'base: must be at rest in motion in time')
     end if
     if (status%failed()) return
+    motion%n_hidden = n_hidden
+    if (n_hidden > 0) call unfold_memory(system, whole)
+    if (n_hidden > 0) call set_up(motion, whole, load, nu, status)
+    if (n_hidden == 0) call set_up(motion, system, load, nu, status)
+  end subroutine new_polynomial_motion
+
+  !> The motion of a system without memory.
+  subroutine set_up(motion, system, load, nu, status)
+    type(polynomial_motion_type), intent(inout) :: motion
+    type(polynomial_type), intent(in) :: system
+    type(load_type), intent(in) :: load
+    real(wp), intent(in) :: nu
+    type(status_type), intent(inout) :: status
+    complex(wp) :: inverse(system%n_dof(), system%n_dof())
+    real(wp) :: pace
+    type(law_term) :: laws(size(system%laws))
+    integer :: i, n
+    logical :: singular
+
     motion%n_dof = system%n_dof()
     motion%monomials = system%monomials
     call invert(cmplx(system%mass, 0.0_wp, wp), inverse, singular)
@@ -92,17 +115,19 @@ contains
     motion%stiffness = matmul(motion%inverse, system%stiffness_at_rest())
     motion%damping = matmul(motion%inverse, system%damping)
     motion%orders = load%orders
-    motion%load = matmul(motion%inverse, load%force)
+    n = system%n_dof() - motion%n_hidden
+    motion%load = matmul(motion%inverse(:, :n), load%force)
     motion%drives = [(nu, i=1, 2)]
     motion%quarters = [0, 3]
     motion%limited = .false.
     motion%range = range_of_degree(highest_degree(system%monomials), size(system%laws) > 0)
-    motion%linear_rate = sqrt(maxval(sum(abs(motion%stiffness), 2))) &
-                         + maxval(sum(abs(motion%damping), 2))
-    if (motion%n_dof > max_dof) then
+    motion%linear_rate = sqrt(maxval(sum(abs(motion%stiffness(:n, :)), 2))) &
+                         + maxval(sum(abs(motion%damping(:n, :n)), 2))
+    if (motion%n_dof > max_dof .or. motion%n_hidden > 0) then
       allocate (motion%frame)
-      call new_polynomial_frame(motion%frame, motion%linear_rate, system, status)
+      call new_polynomial_frame(motion%frame, pace, system, motion%n_hidden, status)
       if (status%failed()) return
+      if (n > max_dof) motion%linear_rate = pace
     end if
     laws = system%laws
     motion%sloped = motion%n_dof <= most_sloped .and. size(laws) > 0 .and. all(laws%state == 0)
@@ -115,7 +140,7 @@ contains
     if (size(motion%laws%holds) == 0) return
     motion%signals = motion%laws%signals
     motion%sloped = .false.
-  end subroutine new_polynomial_motion
+  end subroutine set_up
 
   !> Hold the laws on one side of each of their surfaces, or on it.
   subroutine take_sides(self, sides)
@@ -346,13 +371,13 @@ contains
   !> A force in time besides the periodic load, as cubics between breaks.
   subroutine add_table(self, breaks, pieces)
     class(polynomial_motion_type), intent(inout) :: self
-    !> Shapes (n) and (n_dof, 4, n), the last one of no effect.
+    !> Shapes (n) and (n_dof - n_hidden, 4, n), the last one of no effect.
     real(wp), intent(in) :: breaks(:), pieces(:, :, :)
     integer :: i
-    self%breaks = breaks
-    self%pieces = pieces
+    self%table%breaks = breaks
+    allocate (self%table%pieces(self%n_dof, 4, size(breaks)))
     do i = 1, size(breaks)
-      self%pieces(:, :, i) = matmul(self%inverse, pieces(:, :, i))
+      self%table%pieces(:, :, i) = matmul(self%inverse(:, :size(pieces, 1)), pieces(:, :, i))
     end do
     allocate (self%piece(self%n_dof, 4), source=0.0_wp)
     self%timed = .true.
@@ -360,29 +385,11 @@ contains
     self%quarters = [self%quarters, 0]
   end subroutine add_table
 
-  !> The cubic at the middle of a piece of time, in powers of the time since it began.
   subroutine enter(self, from, to)
     class(polynomial_motion_type), intent(inout) :: self
     real(wp), intent(in) :: from, to
-    real(wp) :: middle, shift
-    integer :: i
-
     self%present_piece = [from, to]
-    if (.not. self%timed) return
-    self%piece = 0.0_wp
-    middle = 0.5_wp*(from + to)
-    if (middle < self%breaks(1) .or. middle > self%breaks(size(self%breaks))) return
-    i = 1
-    do while (i < size(self%breaks) - 1 .and. middle >= self%breaks(i + 1))
-      i = i + 1
-    end do
-    shift = from - self%breaks(i)
-    associate (a => self%pieces(:, :, i))
-      self%piece(:, 1) = a(:, 1)
-      self%piece(:, 2) = a(:, 2) + 3.0_wp*shift*a(:, 1)
-      self%piece(:, 3) = a(:, 3) + shift*(2.0_wp*a(:, 2) + 3.0_wp*shift*a(:, 1))
-      self%piece(:, 4) = a(:, 4) + shift*(a(:, 3) + shift*(a(:, 2) + shift*a(:, 1)))
-    end associate
+    if (self%timed) self%piece = self%table%between(from, to)
   end subroutine enter
 
   pure subroutine acceleration(self, q, v, drive, a)

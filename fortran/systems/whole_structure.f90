@@ -2,11 +2,12 @@
 !! where laws switch.
 !!
 !! M u'' + C u' + K u + sum_j e_j f_j(e_j . u, e_j . u') = load, with C of modal damping in terms of
-!! all modes: C = M Phi diag(rates) Phi^T M, Phi^T M Phi = 1.
+!! all modes: C = M Phi diag(rates) Phi^T M, Phi^T M Phi = 1. Elements may remember by exponentials.
 module viscovib_whole_structure
+  use viscovib_hidden_memory, only: count_hidden
   use viscovib_kernel_holder, only: kernel_holder
   use viscovib_kinds, only: wp
-  use viscovib_modal_frame, only: is_definite
+  use viscovib_modal_frame, only: is_definite, most_in_frame
   use viscovib_law_program, only: branches
   use viscovib_polynomial, only: max_coordinates, new_polynomial, polynomial_parameters, &
     polynomial_type
@@ -20,8 +21,7 @@ module viscovib_whole_structure
 
 contains
 
-  !> Whether it is small, without memory or moving base, all with mass, and has laws with kinks or
-  !! jumps.
+  !> Whether it is small, without moving base, all with mass, and has laws with kinks or jumps.
   pure logical function switches(model)
     type(structure_model), intent(in) :: model
     integer :: i, j
@@ -29,7 +29,7 @@ contains
     switches = .false.
     if (model%is_reduced .or. size(model%mass, 1) > max_coordinates) return
     if (.not. is_definite(model%mass)) return
-    if (abs(model%modal%loss) > 0.0_wp .or. any(model%elements%kernel > 0)) return
+    if (abs(model%modal%loss) > 0.0_wp) return
     if (model%load%moves_base() .or. any(model%rest%idle)) return
     do i = 1, size(model%elements)
       do j = 1, size(model%elements(i)%laws)
@@ -39,19 +39,27 @@ contains
   end function switches
 
   !> The same in all its coordinates; the model is condensed.
-  subroutine whole_polynomial(model, system, status)
+  subroutine whole_polynomial(model, kernels, system, n_hidden, status)
     type(structure_model), intent(in) :: model
+    type(kernel_holder), intent(in) :: kernels(:)
     type(polynomial_type), intent(out) :: system
+    !> Coordinates for its memory; -1: it cannot be that of so many exponentials.
+    integer, intent(out) :: n_hidden
     type(status_type), intent(out) :: status
     type(polynomial_parameters) :: p
-    type(kernel_holder) :: none(0)
+    type(structure_model) :: elastic
     type(element_type) :: elements(size(model%elements))
     real(wp), dimension(size(model%mass, 1), size(model%mass, 1)) :: stiffness, damping, pushed
     integer :: a, i, n
 
     n = size(model%mass, 1)
-    ! Stiffness; the damping has Rayleigh's besides.
-    call add_linear(model, stiffness, damping)
+    ! Stiffness that does not relax; the damping has Rayleigh's besides.
+    elastic%stiffness = model%stiffness
+    elastic%damping = model%damping
+    elastic%places = model%places
+    elastic%elements = model%elements
+    where (elastic%elements%kernel > 0) elastic%elements%stiffness = 0.0_wp
+    call add_linear(elastic, stiffness, damping)
     damping = model%all_damping()
     if (any(abs(model%modal%ratios) > 0.0_wp)) then
       ! Real modes, which have every damping.
@@ -62,12 +70,16 @@ contains
     do i = 1, size(elements)
       if (allocated(elements(i)%mix)) elements(i)%mix = elements(i)%direction
     end do
-    call put_laws(elements, n, 0, p)
+    call put_laws(elements, n, size(kernels), p)
     p%stiffness(:, :, 1) = p%stiffness(:, :, 1) + stiffness
     p%mass = model%mass
     p%damping = damping
     p%base_direction = [(0.0_wp, a=1, n)]
-    call new_polynomial(system, p, none, status)
+    call new_polynomial(system, p, kernels, status)
+    n_hidden = -1
+    if (status%failed()) return
+    n_hidden = count_hidden(system)
+    if (n + n_hidden > most_in_frame) n_hidden = -1
   end subroutine whole_polynomial
 
 end module viscovib_whole_structure

@@ -21,7 +21,7 @@ module viscovib_modal_gauss
   use viscovib_modal_frame, only: modal_frame
   use viscovib_modal_maps, only: legendre_of_nodes
   use viscovib_phases, only: new_phases, phases_type, turn_phase
-  use viscovib_section_step, only: driven_section, free_section
+  use viscovib_section_step, only: driven_section, free_section, relaxing_section
   use viscovib_step_path, only: new_path, step_path
   use viscovib_stepper, only: stepper_type
   implicit none
@@ -86,11 +86,13 @@ contains
     class(driven_system_type), intent(in) :: system
     !> Number of nodes, 2 to 8.
     integer, intent(in) :: s
-    real(wp), intent(in) :: q(:), v(:), start, h, tolerance
+    !> Of the first coordinates; those behind them begin with 0.
+    real(wp), intent(in) :: q(:), v(:)
+    real(wp), intent(in) :: start, h, tolerance
     type(collocation_type) :: points
     integer :: i, n
 
-    n = size(q)
+    n = system%n_dof
     call new_gauss_table(method%table, s, min(prediction_degree, s - 1))
     call new_collocation(points, s)
     allocate (method%coefficients(s, s, s + 1))
@@ -98,8 +100,9 @@ contains
       method%coefficients(:, :, i) = legendre_of_nodes(points, points%points(i))
     end do
     method%tolerance = tolerance
-    method%q = q
-    method%v = v
+    allocate (method%q(n), method%v(n), source=0.0_wp)
+    method%q(:size(q)) = q
+    method%v(:size(v)) = v
     allocate (method%x(n), method%x_rate(n), method%x_rest(n), method%rate_rest(n))
     allocate (method%push(n_lanes, n), source=0.0_wp)
     allocate (method%x_at, method%rate_at, method%q_at, method%v_at, mold=method%push)
@@ -150,10 +153,17 @@ contains
       do i = 1, s + 1
         t = h
         if (i <= s) t = h*table%nodes(i, 1)
-        associate (square => frame%squares(m)*t**2, rate => frame%rates(m)*t)
-          call free_section(square, rate, by_q, by_v)
-          call driven_section(square, rate, by_order, by_order_rate)
-        end associate
+        if (frame%unseen(m)) then
+          call relaxing_section(frame%rates(m)*t, by_v(2), by_order_rate)
+          by_q = 0.0_wp
+          by_v(1) = 0.0_wp
+          by_order = 0.0_wp
+        else
+          associate (square => frame%squares(m)*t**2, rate => frame%rates(m)*t)
+            call free_section(square, rate, by_q, by_v)
+            call driven_section(square, rate, by_order, by_order_rate)
+          end associate
+        end if
         gain = t**2*matmul(by_order, coefficients(:, :, i))
         rate_gain = t*matmul(by_order_rate, coefficients(:, :, i))
         if (i > s) exit

@@ -37,8 +37,8 @@ contains
     integer(i8), intent(in) :: first, n_steps, save_every
     !> Wanted times within these steps, ascending.
     real(wp), intent(in) :: times(:)
-    !> (q_1, v_1, q_2, v_2, ...) after steps save_every, 2 save_every, ...,
-    !! shape (2 n_dof, n_steps/save_every), or no columns at all to keep none;
+    !> (q_1, v_1, q_2, v_2, ...) after steps save_every, 2 save_every, ..., of the first
+    !! coordinates, shape (2 n, n_steps/save_every), or no columns at all to keep none;
     !! the same at the wanted times, as many as were reached.
     real(wp), intent(inout) :: states(:, :), at_times(:, :)
     !> Whole steps made; the state in `method` is that at t_reached, the end of the last
@@ -152,8 +152,8 @@ contains
       column = i/save_every
       if (column > size(states, 2)) cycle
       if (counting) call count_up(counted_states, 1)
-      states(1::2, column) = method%q
-      states(2::2, column) = method%v
+      states(1::2, column) = method%q(:size(states, 1)/2)
+      states(2::2, column) = method%v(:size(states, 1)/2)
     end do
     if (layers%on) missed = layers%look(system)
     if (outcome == run_completed) then
@@ -169,7 +169,7 @@ contains
       system%fresh = at%fresh
     end if
     n_reached = wanted%n_reached
-    at_times(:, :n_reached) = wanted%states(:, :n_reached)
+    at_times(:, :n_reached) = wanted%states(:size(at_times, 1), :n_reached)
   end subroutine run_through
 
   !> One step of equations without surfaces.

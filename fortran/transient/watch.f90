@@ -53,7 +53,8 @@ module viscovib_watch
     type(passage_search) :: search
     !> Peaks and means along the motion, if they are asked for.
     type(extremes_type) :: extremes
-    !> What was found: signal and time, and states, shapes (n) and (2 n_dof, n).
+    !> What was found: signal and time, and states, shapes (n) and (2 n_dof, n), with those of
+    !! coordinates that are hidden.
     integer :: n_found = 0
     integer, allocatable :: which(:)
     real(wp), allocatable :: times(:), states(:, :)
@@ -346,7 +347,8 @@ contains
     end do
   end subroutine drop_after
 
-  !> What was found, as far as there is room; each column the signal, the time and the state.
+  !> What was found, as far as there is room; each column the signal, the time and the state of the
+  !! first coordinates.
   !! Behind them, in three columns, peaks, integrals and those of squares, if they are asked for.
   subroutine hand_over(self, sides, found, n_found)
     class(watch_type), intent(in) :: self
@@ -354,7 +356,8 @@ contains
     real(wp), intent(inout) :: found(:, :)
     !> How many there are, even if there is less room.
     integer, intent(out) :: n_found
-    integer :: n
+    integer :: n, told
+    told = size(found, 1) - 2
     n = size(self%sides)
     sides(:n) = self%sides
     sides(n + 1:2*n) = exponent(max(self%largest, tiny(1.0_wp))) - 1
@@ -362,14 +365,14 @@ contains
     n_found = self%n_found
     n = min(n_found, size(found, 2))
     if (allocated(self%extremes%peak) .and. n + 3 <= size(found, 2)) then
-      found(3:, n + 1) = self%extremes%peak
-      found(3:, n + 2) = self%extremes%total
-      found(3:, n + 3) = self%extremes%squares
+      found(3:, n + 1) = self%extremes%peak(:told)
+      found(3:, n + 2) = self%extremes%total(:told)
+      found(3:, n + 3) = self%extremes%squares(:told)
     end if
     if (n == 0) return
     found(1, :n) = self%which(:n)
     found(2, :n) = self%times(:n)
-    found(3:, :n) = self%states(:, :n)
+    found(3:, :n) = self%states(:told, :n)
   end subroutine hand_over
 
 end module viscovib_watch

@@ -28,6 +28,14 @@ MORE = {
 &load amplitude=0.1 /
 &branch vary='stiffness_x' nu=2 from=8 to=12 coordinates='x' /
 """,
+    "switches beside memory": """&kernel kind='prony' weights=0.3 0.6 rates=1 5 /
+&structure mass=1 2 stiffness=2 1 damping=0.1 0.1 /
+&element on='x1' 'x2' law='5*max(d - 0.1, 0) + 0.3*d' kernel=1 /
+&element on='x2' law='0.2*sign(v)' kernel=0 /
+&load on='x1' amplitude=0.8 /
+&transient t_end=12 nu=0.9 tolerance=1e-10 /
+&event function='x2 - t/10' /
+""",
     "folded": """&system coordinates='x' mass=1 stiffness=1 damping=0.1 /
 &force on='x' law='x^3' /
 &load amplitude=0.3 /

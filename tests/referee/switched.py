@@ -284,6 +284,54 @@ class Contact:
         self.side = to
 
 
+class Fading:
+    """A spring behind a kernel of exponentials: what each remembers follows its force."""
+
+    def __init__(self, direction, force, weights, rates, gap):
+        self.direction, self.force, self.gap = direction, force, gap
+        self.weights, self.rates = np.array(weights), np.array(rates)
+        self.size = len(weights)
+
+    def begin(self, d, v):
+        self.over = d > self.gap
+        return np.zeros(self.size)
+
+    def pull(self, d, z):
+        return self.force(d, self.over) - self.weights @ z
+
+    def flow(self, d, v, z):
+        return self.force(d, self.over) - self.rates * z
+
+    def signals(self):
+        if self.gap < np.inf:
+            s = 1 if self.over else -1
+            yield (lambda d, v, z: s * (d - self.gap)), (lambda t, y: self.cross())
+
+    def cross(self):
+        self.over = not self.over
+
+
+def _fading(rng, n):
+    """A spring that remembers, with a kink in its law or without; its source and its judge."""
+    place = int(rng.integers(1, n + 1))
+    rates = [few(rng, 0.1, 2), few(rng, 2, 60)]
+    shares = [even(rng, 0.1, 0.4, 2), even(rng, 0.1, 0.4, 2)]
+    weights = [round(share * rate, 4) for share, rate in zip(shares, rates, strict=True)]
+    k, cubic, gap = few(rng, 0.5, 4), few(rng, 0.2, 3), np.inf
+    law = f"{cubic}*d^3"
+    if rng.random() < 0.5:
+        gap = few(rng, 0.05, 0.3)
+        law = f"{cubic}*max(d - {gap}, 0)"
+
+    def force(d, over):
+        more = cubic * d**3 if gap == np.inf else cubic * (d - gap) * over
+        return k * d + more
+
+    kernel = f"vv.PronyKernel(weights={weights}, rates={rates})"
+    source = f"vv.Spring(on='x{place}', stiffness={k}, law={law!r}, kernel={kernel})"
+    return source, Fading(np.eye(n)[place - 1], force, weights, rates, gap)
+
+
 def _element(rng, n):
     """The source of an element, and its automaton."""
     place = int(rng.integers(1, n + 1))
@@ -326,19 +374,29 @@ def _element(rng, n):
 
 
 def case(rng, index):
-    """One or two masses with elements, dry friction and rigid stops."""
+    """One or two masses with elements, dry friction and rigid stops; every third one remembers."""
     n = 1 + index % 2
     twins = n == 2 and rng.random() < 0.25
     mass = np.array([few(rng, 0.5, 3) for _ in range(n)])
     k, c = np.array([few(rng, 0.5, 3) for _ in range(n)]), few(rng, 0.02, 0.3)
     between = few(rng, 0.2, 2) if n == 2 else 0.0
     drawn = [_element(rng, n) for _ in range(int(rng.integers(0, 3)))]
+    remembers = index % 3 == 2
+    if remembers:
+        twins = False
+        drawn += [_fading(rng, n) for _ in range(int(rng.integers(1, 3)))]
     friction: list = [None] * n
     stops: list = [None] * n
     sources = [source for source, _ in drawn]
     for j in range(n):
         if rng.random() < 0.45:
             friction[j] = few(rng, 0.05, 0.5)
+        if remembers and any(
+            np.array_equal(e.direction, np.eye(n)[j]) and isinstance(e, (Sliders, Turning))
+            for _, e in drawn
+        ):
+            # Both on one deflection are refused beside memory.
+            friction[j] = None
         if rng.random() < 0.3:
             stops[j] = (few(rng, 0.1, 0.6), even(rng, 0, 0.9, 1))
     if twins:

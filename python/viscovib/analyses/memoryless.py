@@ -20,6 +20,7 @@ from viscovib.systems.load_table import LoadTable
 from viscovib.systems.mount import Mount
 from viscovib.systems.pendulum import Pendulum
 from viscovib.systems.polynomial_system import PolynomialSystem
+from viscovib.systems.whole import n_hidden
 
 #: Explicit methods by their place in the core.
 EXPLICIT = {"rk4": 1, "dop8": 2, "verner8": 3, "verner9": 4}
@@ -42,6 +43,8 @@ MAX_DOF = 6
 #: Methods that take more, by the sections of the linear rest, and how many these may be.
 IN_SECTIONS = ("gauss8", "gauss2", "gauss3")
 MAX_SECTIONS = 64
+#: The same with coordinates of the core for exponentials that remember, as of `modal_frame`.
+MOST_IN_FRAME = 128
 
 
 def pendulum_runs(
@@ -171,19 +174,20 @@ def polynomial_runs(
     )
     moves = _all_move(n) if switches or all(driven) else moving(system, np.array(driven))
     layers = ThinLayers()
-    job = (system._flat, orders, series, frequency, breaks, pieces, moves, layers, force)
+    hidden = n_hidden(system)
+    job = (system._flat, orders, series, frequency, breaks, pieces, moves, layers, hidden, force)
     return partial(PolynomialRun.of_job, system, name, state, solved, job), steps
 
 
-def _of_states(size: int, method: str, n: int) -> npt.NDArray[np.bool_]:
+def _of_states(size: int, method: str, n: int, hidden: int = 0) -> npt.NDArray[np.bool_]:
     """Which numbers that steppers keep are coordinates, velocities, and the rests of both.
 
     Collocation keeps n of each, explicit methods as many as their lanes have at most; that of
-    sections has these besides.
+    sections has these besides, and ``hidden`` coordinates more.
     """
     belongs = np.zeros(size, dtype=bool)
-    if n > MAX_DOF:
-        belongs[: 6 * n] = True
+    if n > MAX_DOF or hidden:
+        belongs[: 6 * (n + hidden)] = True
         return belongs
     belongs[: 4 * (n if method.startswith("gauss") else MAX_DOF)] = True
     return belongs
@@ -239,7 +243,8 @@ class PolynomialRun(Run):
     def belongs_to_state(self) -> npt.NDArray[np.bool_]:
         """Coordinates, velocities, what rounding left of them, and what elements know."""
         assert self.memory is not None
-        belongs = _of_states(self.memory.size, self.method, int(np.count_nonzero(self.job[6])))
+        n = int(np.count_nonzero(self.job[6]))
+        belongs = _of_states(self.memory.size, self.method, n, self.job[8])
         belongs[int(self.memory[-1]) : -2] = True
         return belongs
 
@@ -268,7 +273,8 @@ class PolynomialRun(Run):
     def _native_steps(self, count: int, every: int, columns: int, times: FloatArray) -> Piece:
         resume = 0 if self.memory is None else 2 if self.anew else 1
         # Every surface and every state of an element has at least two numbers in the vector.
-        room = _MEMORY + _OF_COORDINATE * self.state.size // 2 + 2 * self.job[0].size
+        n = self.state.size // 2 + self.job[8]
+        room = _MEMORY + _OF_COORDINATE * n + 2 * self.job[0].size
         self.layers.longest = max(self.layers.longest, self.h)
         in_parts = self.layers.seen or (self.memory is not None and bool(self.memory[-2]))
         piece = Piece(

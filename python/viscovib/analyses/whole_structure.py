@@ -1,4 +1,7 @@
-"""Structures of up to 64 coordinates in time, whole: steps end where laws switch."""
+"""Structures of up to 64 coordinates in time, whole: steps end where laws switch.
+
+Of kernels that are sums of exponentials each term is a coordinate of the core that no result tells.
+"""
 
 from __future__ import annotations
 
@@ -15,6 +18,7 @@ from viscovib.analyses.memoryless import (
     MAX_DOF,
     MAX_SECTIONS,
     METHODS,
+    MOST_IN_FRAME,
     PolynomialRun,
     polynomial_runs,
 )
@@ -28,6 +32,7 @@ from viscovib.systems.structure import Structure
 from viscovib.systems.structure_matrices import dense_of
 from viscovib.systems.whole import (
     has_text_laws,
+    n_hidden,
     shares_switches,
     switches,
     whole_system,
@@ -42,30 +47,26 @@ def goes_whole(
     memory: str,
     coordinates: Sequence[str] | None = None,
 ) -> TypeGuard[Structure]:
-    """Whether a structure is small, without memory, and has laws with kinks or states."""
+    """Whether a structure is small, has laws with kinks or states, and fades by exponentials."""
     if not isinstance(system, Structure) or not switches(system):
         return False
     told, n = None, len(system.dof_names)
-    methods = ("auto", *(METHODS if n <= MAX_DOF else IN_SECTIONS))
+    sections = n > MAX_DOF or bool(system._all_kernels)
+    methods = ("auto", *(IN_SECTIONS if sections else METHODS))
     if n > MAX_SECTIONS:
         told = f"is for structures of at most {MAX_SECTIONS} coordinates, has {n}"
-    elif system._all_kernels:
-        kinds = sorted({type(kernel).__name__ for kernel in system._all_kernels})
-        told = (
-            f"is for structures without kernels, has {', '.join(kinds)}: its steps end where an "
-            "element switches, and the past is known at whole steps only; steady motions, "
-            "forced_response and trace_response, take both"
-        )
     elif system._reduced is not None:
         told = "is for structures that are not reduced"
     elif not _all_has_mass(dense_of(system.mass)):
         told = "is for structures all of whose coordinates have mass"
+    elif (lacks := _lacks_exponentials(system)) is not None:
+        told = lacks
     elif n > MAX_DOF and coordinates is not None:
         told = "keeps all coordinates: `coordinates` must not be given"
-    elif n > MAX_DOF and shares_switches(system):
+    elif sections and shares_switches(system):
         told = (
-            f"of more than {MAX_DOF} coordinates takes no law that switches with the rate, as "
-            "sign(v), on the deflection of an element with a state"
+            f"of more than {MAX_DOF} coordinates, or with kernels, takes no law that switches with "
+            "the rate, as sign(v), on the deflection of an element with a state"
         )
     elif base is not None or held is not None:
         told = "takes neither base nor held"
@@ -76,6 +77,27 @@ def goes_whole(
     if any(element.law is not None and element.law.state for element in system._all_elements):
         raise InputError(f"elements: a motion in time with hysteresis or restitution {told}")
     return False
+
+
+def _lacks_exponentials(structure: Structure) -> str | None:
+    """Say what keeps memory from being so many exponentials; None: nothing."""
+    if not structure._all_kernels:
+        return None
+    n, hidden = len(structure.dof_names), n_hidden(whole_system(structure))
+    if hidden < 0:
+        kinds = sorted({type(kernel).__name__ for kernel in structure._all_kernels})
+        return (
+            f"is for structures whose kernels are sums of exponentials, has {', '.join(kinds)}: "
+            "its steps end where an element switches, and the past is known at whole steps only; "
+            "take the kernel's sum_of_exponentials(), or steady motions, forced_response and "
+            "trace_response"
+        )
+    if n + hidden > MOST_IN_FRAME:
+        return (
+            f"is for at most {MOST_IN_FRAME} coordinates and exponentials of forces that remember, "
+            f"has {n} and {hidden}"
+        )
+    return None
 
 
 def _all_has_mass(mass: FloatArray) -> bool:

@@ -6,11 +6,13 @@ from typing import Any
 
 import numpy as np
 
-from viscovib._native import FloatArray
+from viscovib import _native
+from viscovib._native import FloatArray, core
 from viscovib.errors import InputError
 from viscovib.systems.element_laws import Monomials, add_force
 from viscovib.systems.elements import coupling_terms
 from viscovib.systems.laws import Law
+from viscovib.systems.layers import Layers
 from viscovib.systems.polynomial_system import PolynomialSystem
 from viscovib.systems.refined_modes import refined_modes
 from viscovib.systems.structure import Structure
@@ -54,7 +56,7 @@ def _laws_of(structure: Structure) -> list[Law]:
 
 
 def whole_system(structure: Structure) -> PolynomialSystem:
-    """Return the same system in all its coordinates, without memory.
+    """Return the same system in all its coordinates, its memory in the vector alone.
 
     Modal damping becomes C = M Phi diag(2 zeta omega) Phi^T M, Phi^T M Phi = 1.
     """
@@ -63,7 +65,20 @@ def whole_system(structure: Structure) -> PolynomialSystem:
     if not mass.any(axis=1).all():
         raise InputError("mass: must be positive for a motion in time by the whole equations")
     elements = structure._all_elements
-    stiffness, damping = with_elements(structure.stiffness, structure.damping, elements)
+    layers: Layers = structure._layers  # type: ignore[attr-defined]
+    stiffness, damping = with_elements(
+        layers.added_to(structure.stiffness), structure.damping, elements
+    )
+    elastic = [one for one in elements if one.kernel is None]
+    at_once, _ = with_elements(structure.stiffness, structure.damping, elastic)
+    kernels = tuple(dict.fromkeys(structure._all_kernels))
+    relaxing = np.zeros((len(kernels), n, n))
+    for element in elements:
+        if element.kernel in kernels:
+            k, e = element.powers.get(1, 0.0), element.direction
+            relaxing[kernels.index(element.kernel)] += np.outer(e, k * e)
+    for matrix, kernel in layers.whole:
+        relaxing[kernels.index(kernel)] += dense_of(matrix)
     modal = structure._uncoupled
     if modal is not None:
         from scipy.linalg import eigh
@@ -77,26 +92,36 @@ def whole_system(structure: Structure) -> PolynomialSystem:
         squares, shapes = refined_modes(squares, shapes, mass, stiffness)
         pushed = mass @ shapes
         damping = damping + (pushed * modal.rates(squares)) @ pushed.T
-    forces: Monomials = {}
+    place = {None: 0} | {kernel: i for i, kernel in enumerate(kernels, 1)}
+    forces: list[Monomials] = [{} for _ in place]
     laws: list[list[float]] = []
     for element in elements:
         mix = _mix(element.direction)
+        behind = place.get(element.kernel, 0)
         for power, c in element.powers.items():
             if power > 1:
-                add_force(forces, c, mix, [(mix, power)], n)
+                add_force(forces[behind], c, mix, [(mix, power)], n)
         if element.law is not None:
-            laws.append(element.law.numbers(element.direction[np.newaxis], mix, 0))
+            laws.append(element.law.numbers(element.direction[np.newaxis], mix, behind))
     for coupling in coupling_terms(structure.elements, structure.dof_names, structure._places):  # type: ignore[attr-defined]
         own = [_mix(e) for e in coupling.directions]
+        behind = place.get(coupling.kernel, 0)
         for (on, powers), c in coupling.forces.items():
-            add_force(forces, c, own[on], [(own[j], p) for j, p in enumerate(powers) if p], n)
+            factors = [(own[j], p) for j, p in enumerate(powers) if p]
+            add_force(forces[behind], c, own[on], factors, n)
         reads = np.array(coupling.directions)
-        laws += [law.numbers(reads, own[on], 0) for on, law in coupling.programs]
+        laws += [law.numbers(reads, own[on], behind) for on, law in coupling.programs]
     whole = PolynomialSystem(mass=mass, stiffness=stiffness, damping=damping)
-    monomials = [[c, on + 1, 0, *powers] for (on, powers), c in forces.items()]
+    monomials = [
+        [c, on + 1, behind, *powers]
+        for behind, group in enumerate(forces)
+        for (on, powers), c in group.items()
+    ]
+    springs = [part for i, k in enumerate([at_once, *relaxing]) for part in ([i], k.ravel("F"))]
+    data = [part for one in kernels for part in ([one._kind, one._data.size], one._data)]
     parts: list[Any] = [
-        [n, 1, len(monomials), 0, 1.0], mass.ravel(order="F"), damping.ravel(order="F"),
-        np.zeros(n), [0], stiffness.ravel(order="F"), *monomials,
+        [n, 1 + len(kernels), len(monomials), len(kernels), 1.0], mass.ravel(order="F"),
+        damping.ravel(order="F"), np.zeros(n), *springs, *monomials, *data,
         *([[len(laws)]] if laws else []), *laws,
     ]  # fmt: skip
     vector = np.concatenate([np.asarray(part, dtype=float) for part in parts])
@@ -104,6 +129,13 @@ def whole_system(structure: Structure) -> PolynomialSystem:
         _vector=vector, dof_names=structure.dof_names, dof_units=structure.dof_units
     )
     return whole
+
+
+def n_hidden(system: PolynomialSystem) -> int:
+    """Count the coordinates that the core adds for memory; -1: it cannot, for some kernel."""
+    flat = system._flat
+    # The fourth number counts kernels.
+    return int(_native.call(core.hidden_coordinates, flat)[0]) if flat[3] else 0
 
 
 def _mix(direction: FloatArray) -> dict[int, float]:

@@ -1,0 +1,190 @@
+!> A polynomial system whose kernels are sums of exponentials as one without memory, of more
+!! coordinates.
+!!
+!! A force g behind a kernel R(t) = sum_q w_q exp(-r_q t) is g - R*g (seed paper 001, (5)), and
+!!
+!!   R*g = sum_q w_q m z_q',   m z_q'' + m r_q z_q' - g = 0,   z_q(0) = z_q'(0) = 0:
+!!
+!! each exponential of each force is a mass m that g drags through a dashpot, and that pulls at the
+!! coordinate with its rate. No force depends on z_q itself. With m the mass of the coordinate on
+!! which g acts these are displacements and rates like those of the others. Laws act on the masses
+!! as well, each once: their surfaces are not doubled.
+module viscovib_hidden_memory
+  use viscovib_kernel, only: kernel_type
+  use viscovib_kernel_sum, only: kernel_sum
+  use viscovib_kinds, only: wp
+  use viscovib_law_term, only: law_term, read_rates
+  use viscovib_polynomial, only: polynomial_type
+  use viscovib_prony, only: prony_kernel
+  implicit none
+  private
+
+  public :: count_hidden, unfold_memory
+
+  !> An exponential of the force in a hereditary variable.
+  type :: dragged_mass
+    !> The variable, and the coordinate on which it acts.
+    integer :: variable = 0, on = 0
+    real(wp) :: mass = 0.0_wp, weight = 0.0_wp, rate = 0.0_wp
+  end type dragged_mass
+
+contains
+
+  !> How many coordinates memory takes; -1: not all kernels are sums of exponentials.
+  integer function count_hidden(system) result(n)
+    type(polynomial_type), intent(in) :: system
+    type(dragged_mass), allocatable :: masses(:)
+    integer :: k
+
+    n = -1
+    do k = 1, size(system%kernels)
+      if (.not. any(system%kernel_of == k)) cycle
+      if (.not. fades_by_exponentials(system%kernels(k)%kernel)) return
+    end do
+    call find_masses(system, masses)
+    n = size(masses)
+  end function count_hidden
+
+  !> Whether a kernel is a sum of exponentials to the last digit.
+  recursive logical function fades_by_exponentials(kernel) result(does)
+    class(kernel_type), intent(in) :: kernel
+    integer :: i
+    does = .false.
+    select type (kernel)
+    type is (prony_kernel)
+      does = .true.
+    type is (kernel_sum)
+      does = all([(fades_by_exponentials(kernel%parts(i)%kernel), i=1, size(kernel%parts))])
+    end select
+  end function fades_by_exponentials
+
+  subroutine find_masses(system, masses)
+    type(polynomial_type), intent(in) :: system
+    type(dragged_mass), allocatable, intent(out) :: masses(:)
+    type(dragged_mass) :: one
+    real(wp), allocatable :: weights(:), rates(:)
+    integer :: j, q
+
+    allocate (masses(0))
+    do j = 1, system%n_memory()
+      if (system%kernel_of(j) == 0) cycle
+      ! Its own terms, whatever is asked for.
+      call system%kernels(system%kernel_of(j))%exponentials(1.0_wp, 1.0_wp, 1.0_wp, weights, rates)
+      one%variable = j
+      one%on = maxloc(abs(system%spread(:, j)), 1)
+      one%mass = system%mass(one%on, one%on)
+      do q = 1, size(weights)
+        if (.not. abs(weights(q)) > 0.0_wp) cycle
+        one%weight = weights(q)
+        one%rate = rates(q)
+        masses = [masses, one]
+      end do
+    end do
+  end subroutine find_masses
+
+  !> The system with these masses behind its coordinates; nothing remembers.
+  subroutine unfold_memory(system, whole)
+    !> Of which `count_hidden` is not negative.
+    type(polynomial_type), intent(in) :: system
+    type(polynomial_type), intent(out) :: whole
+    type(dragged_mass), allocatable :: masses(:)
+    integer :: h, i, n, m, total, variables
+
+    call find_masses(system, masses)
+    n = system%n_dof()
+    m = system%n_memory()
+    total = n + size(masses)
+    variables = m + size(masses)
+    allocate (whole%mass(total, total), whole%damping(total, total), source=0.0_wp)
+    allocate (whole%gather(variables, total), whole%spread(total, variables), source=0.0_wp)
+    allocate (whole%base_direction(total), source=0.0_wp)
+    whole%mass(:n, :n) = system%mass
+    whole%damping(:n, :n) = system%damping
+    whole%base_direction(:n) = system%base_direction
+    whole%gather(:m, :n) = system%gather
+    whole%spread(:n, :m) = system%spread
+    do i = 1, size(masses)
+      associate (one => masses(i))
+        h = n + i
+        whole%mass(h, h) = one%mass
+        whole%damping(h, h) = one%mass*one%rate
+        whole%damping(:n, h) = -one%mass*one%weight*system%spread(:, one%variable)
+        whole%gather(m + i, :n) = -system%gather(one%variable, :)
+        whole%spread(h, m + i) = 1.0_wp
+      end associate
+    end do
+    allocate (whole%kernel_of(variables), source=0)
+    whole%bent = [system%bent, system%bent(masses%variable)]
+    allocate (whole%kernels(0))
+    whole%odd = system%odd
+    whole%degree = system%degree
+    whole%n_zero = system%n_zero
+    whole%n_silent = system%n_silent
+    call drag_by_monomials(system, masses, whole)
+    call drag_by_laws(system, masses, whole)
+  end subroutine unfold_memory
+
+  !> Each monomial behind a kernel once more for each of its masses.
+  subroutine drag_by_monomials(system, masses, whole)
+    type(polynomial_type), intent(in) :: system
+    type(dragged_mass), intent(in) :: masses(:)
+    type(polynomial_type), intent(inout) :: whole
+    integer :: h, i, k
+
+    k = size(system%monomials)
+    do i = 1, size(system%monomials)
+      k = k + count(masses%variable == system%monomials(i)%variable)
+    end do
+    allocate (whole%monomials(k))
+    whole%monomials(:size(system%monomials)) = system%monomials
+    k = size(system%monomials)
+    do i = 1, size(system%monomials)
+      do h = 1, size(masses)
+        if (masses(h)%variable /= system%monomials(i)%variable) cycle
+        k = k + 1
+        whole%monomials(k) = system%monomials(i)
+        whole%monomials(k)%coefficient = -system%monomials(i)%coefficient
+        whole%monomials(k)%equation = system%n_dof() + h
+        whole%monomials(k)%variable = system%n_memory() + h
+      end do
+    end do
+  end subroutine drag_by_monomials
+
+  !> Each law acts on the masses of its equations, too.
+  subroutine drag_by_laws(system, masses, whole)
+    type(polynomial_type), intent(in) :: system
+    type(dragged_mass), intent(in) :: masses(:)
+    type(polynomial_type), intent(inout) :: whole
+    integer :: h, i, j, n
+
+    n = system%n_dof()
+    whole%laws = system%laws
+    do i = 1, size(whole%laws)
+      associate (law => whole%laws(i), own => system%laws(i))
+        law%kernel = 0
+        call widen(law%arguments, n + size(masses))
+        call widen(law%rates, n + size(masses))
+        do j = 1, size(own%equations)
+          do h = 1, size(masses)
+            if (masses(h)%variable /= own%variables(j)) cycle
+            law%equations = [law%equations, n + h]
+            law%weights = [law%weights, -own%weights(j)]
+            law%variables = [law%variables, system%n_memory() + h]
+          end do
+        end do
+      end associate
+    end do
+    call read_rates(whole%laws, n + size(masses), whole%rates)
+  end subroutine drag_by_laws
+
+  !> Columns of 0 behind those of a matrix.
+  subroutine widen(matrix, n)
+    real(wp), allocatable, intent(inout) :: matrix(:, :)
+    integer, intent(in) :: n
+    real(wp) :: wide(size(matrix, 1), n)
+    wide = 0.0_wp
+    wide(:, :size(matrix, 2)) = matrix
+    matrix = wide
+  end subroutine widen
+
+end module viscovib_hidden_memory

@@ -1,0 +1,131 @@
+"""Friction, kinks and stops beside kernels of exponentials in time: steps end at the switches."""
+
+import numpy as np
+import pytest
+import viscovib as vv
+from referee.switched import Automaton, Contact, Fading, Sliders
+
+WEIGHTS, RATES = [0.3, 12.0], [1.0, 40.0]
+KERNEL = vv.PronyKernel(weights=WEIGHTS, rates=RATES)
+
+
+def rubber(law="0.5*d^3", kernel=KERNEL):
+    """A slider beside a spring that remembers, two masses."""
+    return vv.Structure(
+        mass=[1.0, 2.0], stiffness=[1.0, 2.0], damping=[0.05, 0.1],
+        elements=[
+            vv.Jenkins(on=("x1", "x2"), stiffness=3, limit=0.15),
+            vv.Spring(on=("x1", "x2"), stiffness=2, law=law, kernel=kernel),
+            vv.Gap(on="x2", stiffness=20, gap=0.2),
+        ],
+    )  # fmt: skip
+
+
+def true_states(times, gap=np.inf):
+    """The same from switch to switch, each mode with equations of its own."""
+
+    def force(d, over):
+        return 2 * d + (0.5 * d**3 if gap == np.inf else 0.5 * (d - gap) * over)
+
+    between = np.array([1.0, -1.0])
+    judge = Automaton(
+        np.array([1.0, 2.0]), np.diag([1.0, 2.0]), np.diag([0.05, 0.1]),
+        lambda t: np.array([0.9, 0.0]) * np.sin(1.3 * t),
+        [Sliders(between, [3.0], [0.15]), Fading(between, force, WEIGHTS, RATES, gap),
+         Contact(np.array([0.0, 1.0]), 20.0, 0.2, False)],
+        [None] * 2, [None] * 2,
+    )  # fmt: skip
+    return judge.run([0.0, 0.0], [0.0, 0.0], times)
+
+
+def run(system, end=8.0, **given):
+    return vv.simulate(system, end, load={"x1": 0.9}, nu=1.3, **given)
+
+
+@pytest.mark.parametrize(("law", "gap"), [("0.5*d^3", np.inf), ("0.5*max(d - 0.1, 0)", 0.1)])
+def test_against_scipy_from_switch_to_switch(law, gap):
+    """Sticking, slipping and contact beside a kernel and behind it, to 1e-10."""
+    times = np.linspace(0, 8, 5)
+    true = true_states(times, gap)
+    for given in ({"dt": 0.05}, {"tolerance": 1e-10}):
+        found = run(rubber(law), times=times, **given)
+        assert found.outcome == "completed"
+        np.testing.assert_allclose(found.state, true, atol=2e-10)
+
+
+@pytest.mark.parametrize(("method", "order"), [("gauss2", 4), ("gauss3", 6)])
+def test_order_is_kept(method, order):
+    """Halved steps: the error falls as if nothing switched."""
+    exact = run(rubber(), dt=0.01).state[-1]
+    errors = [
+        np.abs(run(rubber(), method=method, dt=dt).state[-1] - exact).max()
+        for dt in (0.08, 0.04, 0.02)
+    ]
+    measured = np.log2(errors[0] / errors[2]) / 2
+    assert order - 0.6 < measured < order + 1.5
+
+
+def test_goes_on_bit_for_bit_and_under_other_loads():
+    """What is remembered goes on, too: as in one run under a load that changes."""
+    system = rubber()
+    before = run(system, 4.0, dt=0.02)
+    whole, rest = run(system, dt=0.02), vv.simulate(system, 8, resume=before)
+    np.testing.assert_array_equal(whole.state[-1], rest.state[-1])
+    free = vv.simulate(system, 8, resume=before, load=0)
+    nothing = vv.LoadTable(times=[0, 4, 8], values=[[0.7, 0], [0.7, 0], [0.7, 0]])
+    pushed = vv.simulate(system, 8, resume=before, load=0, force=nothing)
+    held = vv.simulate(system, 8, resume=before, load={0: [0.7j, 0]}, nu=0.0)
+    np.testing.assert_allclose(pushed.state[-1], held.state[-1], atol=1e-11)
+    assert np.abs(free.state[-1] - pushed.state[-1]).max() > 0.1
+    # Without its past it would move otherwise.
+    fresh = vv.simulate(system, 4, initial=before.state[-1], dt=0.02)
+    assert np.abs(fresh.state[-1] - free.state[-1]).max() > 1e-3
+
+
+def test_events_and_means_are_of_coordinates():
+    """Events may name the time; what the core hides is told nowhere."""
+    found = run(rubber(), tolerance=1e-9, events=["x1 - 0.1", "t - 3", "x2_dot"])
+    assert found.state.shape[1] == 4
+    assert found.events[1].t == pytest.approx([3.0], abs=1e-12)
+    np.testing.assert_allclose(found.events[0].state[:, 0], 0.1, atol=1e-9)
+    np.testing.assert_allclose(found.events[2].state[:, 3], 0.0, atol=1e-9)
+
+
+def test_stops_rest_and_friction_holds_beside_memory():
+    """A stop on which a mass comes to rest, and friction: pushed by what the spring forgets."""
+    stop = vv.Structure(
+        mass=[1.0], stiffness=[0.0], damping=[0.1],
+        elements=[
+            vv.Gap(on="x1", gap=0.5, restitution=0.5),
+            vv.Spring(on="x1", stiffness=1.0, kernel=vv.PronyKernel(weights=[0.5], rates=[1.0])),
+        ],
+    )  # fmt: skip
+    at_rest = vv.simulate(stop, 12, load={0: [1j]}, nu=0.0)
+    assert at_rest.state[-1] == pytest.approx([0.5, 0.0], abs=1e-12)
+    assert 0 < at_rest.resting_since[0, 0] < 8
+    held = vv.Structure(
+        mass=[1.0], stiffness=[0.0],
+        elements=[
+            vv.Spring(on="x1", law="0.4*sign(v)"),
+            vv.Spring(on="x1", stiffness=1.0, kernel=vv.PronyKernel(weights=[0.2], rates=[1.0])),
+        ],
+    )  # fmt: skip
+    # Held near 1: the spring relaxes to 0.8 of its force, and friction never lets go again.
+    still = vv.simulate(held, 30, load={0: [0.9j]}, nu=0.0)
+    kept = still.state[still.t > 25]
+    assert np.ptp(kept[:, 0]) < 1e-12
+    assert np.abs(kept[:, 1]).max() < 1e-13
+
+
+def test_what_is_refused_says_why():
+    """Kernels that are no sums of exponentials, too many of them, and `held`."""
+    singular = vv.RabotnovKernel(amplitude=0.3, alpha=0.4, beta=1.0)
+    with pytest.raises(vv.InputError, match=r"RabotnovKernel.*sum_of_exponentials"):
+        run(rubber(kernel=singular))
+    many = vv.PronyKernel(weights=np.full(70, 0.01), rates=np.linspace(1, 70, 70))
+    with pytest.raises(vv.InputError, match="at most 128 coordinates and exponentials"):
+        run(rubber(kernel=many))
+    with pytest.raises(vv.InputError, match="neither base nor held"):
+        run(rubber(), held=[0.1, 0.0])
+    with pytest.raises(vv.InputError, match="has the methods auto, gauss8, gauss2, gauss3"):
+        run(rubber(), method="rk4")
