@@ -27,7 +27,8 @@ module viscovib_subject
     !> A pendulum with loads of its own; else a mount, a polynomial system, a structure or a body
     !! under `load`.
     logical :: is_pendulum = .false., is_polynomial = .false., is_structure = .false.
-    !> A structure whose motion in time is that of its whole equations, which are `polynomial`.
+    !> Whether its motion in time is that of all coordinates of `polynomial`, with those of its
+    !! exponentials: of a structure too, whose whole equations these are.
     logical :: goes_whole = .false.
     !> A body under finite rotations; one under small ones is a polynomial system.
     logical :: is_turning = .false.

@@ -3,18 +3,22 @@ module viscovib_scene
   use viscovib_body_groups, only: read_body
   use viscovib_group_reader, only: group_reader
   use viscovib_growing_text, only: growing_text
+  use viscovib_hidden_memory, only: count_hidden
   use viscovib_job, only: job_type
   use viscovib_kernel_groups, only: read_kernels
   use viscovib_kernel_holder, only: kernel_holder
   use viscovib_lanes, only: max_dof
   use viscovib_law_parameters, only: read_parameters
+  use viscovib_law_program, only: branches
   use viscovib_load, only: load_type
   use viscovib_load_groups, only: read_loads
   use viscovib_method_catalogue, only: takes_sections, transient_methods
+  use viscovib_modal_frame, only: most_in_frame
   use viscovib_mount, only: mount_parameters
   use viscovib_mount_groups, only: read_mount
   use viscovib_namelist, only: group_type, namelist_type, read_namelist
   use viscovib_pendulum_groups, only: read_pendulum
+  use viscovib_polynomial, only: polynomial_type
   use viscovib_scene_groups, only: check_groups, find_result, place_of
   use viscovib_scene_results, only: read_result
   use viscovib_status, only: fail, show, status_input_error, status_type
@@ -127,6 +131,9 @@ contains
     call read_loads(file, subject, load, canonical, status)
     if (.not. subject%is_structure .or. status%failed()) then
       subject%load = load
+      if (subject%is_polynomial .and. .not. subject%is_turning) then
+        subject%goes_whole = may_go_whole(file, subject%polynomial, load)
+      end if
       return
     end if
     call put_load(subject%model, load, place_of(file, 'transient') <= size(file%groups), &
@@ -142,30 +149,53 @@ contains
     type(load_type), intent(in) :: load
     type(subject_type), intent(inout) :: subject
     type(status_type), intent(inout) :: status
-    integer :: i, method, n_hidden
-    logical :: in_sections
 
-    i = place_of(file, 'transient')
-    if (i > size(file%groups)) return
+    if (place_of(file, 'transient') > size(file%groups)) return
     if (.not. switches(subject%model)) return
-    call whole_polynomial(subject%model, subject%structure%kernels, subject%polynomial, n_hidden, &
-                          status)
-    if (status%failed() .or. n_hidden < 0) return
-    in_sections = size(subject%model%mass, 1) > max_dof .or. n_hidden > 0
-    associate (group => file%groups(i))
-      if (group%find('held') > 0 .or. group%find('memory') > 0) return
-      method = group%find('method')
-      if (method > 0) then
-        method = findloc(transient_methods == group%entries(method)%values(1)%text, .true., 1)
-        if (method == 0) return
-        if (in_sections .and. .not. takes_sections(method)) return
-      end if
-    end associate
+    call whole_polynomial(subject%model, subject%structure%kernels, subject%polynomial, status)
+    if (status%failed()) return
+    if (.not. fits_sections(file, subject%polynomial)) return
     subject%goes_whole = .true.
     subject%load = load
     subject%is_structure = .false.
     subject%is_polynomial = .true.
   end subroutine go_whole
+
+  !> The same of a system that remembers by exponentials alone.
+  logical function may_go_whole(file, system, load) result(may)
+    type(namelist_type), intent(in) :: file
+    type(polynomial_type), intent(in) :: system
+    type(load_type), intent(in) :: load
+    integer :: i
+    may = .false.
+    if (place_of(file, 'transient') > size(file%groups) .or. load%moves_base()) return
+    if (system%n_dof() > max_dof .or. .not. any(system%kernel_of > 0)) return
+    if (.not. any([(any(branches(system%laws(i)%program%code)), i=1, size(system%laws))])) return
+    may = fits_sections(file, system)
+  end function may_go_whole
+
+  !> Whether memory takes so few coordinates that sections hold them, and the scene asks for nothing
+  !! that these have not.
+  logical function fits_sections(file, system) result(fits)
+    type(namelist_type), intent(in) :: file
+    type(polynomial_type), intent(in) :: system
+    integer :: method, n_hidden
+
+    fits = .false.
+    n_hidden = count_hidden(system)
+    if (n_hidden < 0 .or. system%n_dof() + n_hidden > most_in_frame) return
+    associate (group => file%groups(place_of(file, 'transient')))
+      if (group%find('held') > 0 .or. group%find('memory') > 0) return
+      method = group%find('method')
+      if (method > 0) then
+        method = findloc(transient_methods == group%entries(method)%values(1)%text, .true., 1)
+        if (method == 0) return
+        if (system%n_dof() <= max_dof .and. n_hidden == 0) method = 1
+        if (.not. takes_sections(method) .or. (n_hidden > 0 .and. method /= 1)) return
+      end if
+    end associate
+    fits = .true.
+  end function fits_sections
 
   subroutine read_title(file, scene, canonical, status)
     type(namelist_type), intent(in) :: file

@@ -221,9 +221,8 @@ contains
         call new_polynomial_motion(system, subject%polynomial, subject%load, own%nu, status, &
                                    in_sections=.true.)
         call reader%place(status)
-        ! A structure by its whole equations may begin at rest.
-        if (.not. status%failed()) call read_transient(reader, system, motion, &
-                                                       allocated(subject%model%elements))
+        ! What goes by all coordinates may begin at rest.
+        if (.not. status%failed()) call read_transient(reader, system, motion, subject%goes_whole)
       end if
       call move_alloc(motion, own%motion)
     end if

@@ -26,6 +26,9 @@ module viscovib_driven_system
     integer :: n_dof = 0
     !> The last of these stand for what is remembered: they begin with 0, and no result tells them.
     integer :: n_hidden = 0
+    !> The fastest rate at which these fade (1/s): behind a switch parts of steps begin shorter than
+    !! that takes, and double.
+    real(wp) :: fading = 0.0_wp
     !> Circular frequencies of the loads (rad/s or dimensionless).
     real(wp), allocatable :: drives(:)
     !> Quarter turns ahead of each load, 0 to 3: 3 makes a sine of the cosine.
@@ -65,6 +68,7 @@ module viscovib_driven_system
     type(modal_frame), allocatable :: frame
   contains
     procedure :: settle
+    procedure :: first_part
     procedure :: linearise
     procedure :: push
     procedure(acceleration_interface), deferred :: acceleration
@@ -166,6 +170,14 @@ contains
     integer, intent(in) :: sides(:)
     if (size(sides) > 0) self%signals = self%signals
   end subroutine take_sides
+
+  !> Length of the first part of a step behind a switch; 0: any, nothing fades as fast.
+  pure real(wp) function first_part(self)
+    class(driven_system_type), intent(in) :: self
+    real(wp), parameter :: within = 0.5_wp
+    first_part = 0.0_wp
+    if (self%fading*self%step_length > within) first_part = within/self%fading
+  end function first_part
 
   !> A motion begins at this state.
   subroutine settle(self, q, v)

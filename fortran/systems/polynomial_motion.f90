@@ -128,6 +128,7 @@ contains
       call new_polynomial_frame(motion%frame, pace, system, motion%n_hidden, status)
       if (status%failed()) return
       if (n > max_dof) motion%linear_rate = pace
+      motion%fading = maxval([0.0_wp, motion%frame%rates(n + 1:)])
     end if
     laws = system%laws
     motion%sloped = motion%n_dof <= most_sloped .and. size(laws) > 0 .and. all(laws%state == 0)

@@ -4,10 +4,9 @@
 !! M u'' + C u' + K u + sum_j e_j f_j(e_j . u, e_j . u') = load, with C of modal damping in terms of
 !! all modes: C = M Phi diag(rates) Phi^T M, Phi^T M Phi = 1. Elements may remember by exponentials.
 module viscovib_whole_structure
-  use viscovib_hidden_memory, only: count_hidden
   use viscovib_kernel_holder, only: kernel_holder
   use viscovib_kinds, only: wp
-  use viscovib_modal_frame, only: is_definite, most_in_frame
+  use viscovib_modal_frame, only: is_definite
   use viscovib_law_program, only: branches
   use viscovib_polynomial, only: max_coordinates, new_polynomial, polynomial_parameters, &
     polynomial_type
@@ -39,12 +38,10 @@ contains
   end function switches
 
   !> The same in all its coordinates; the model is condensed.
-  subroutine whole_polynomial(model, kernels, system, n_hidden, status)
+  subroutine whole_polynomial(model, kernels, system, status)
     type(structure_model), intent(in) :: model
     type(kernel_holder), intent(in) :: kernels(:)
     type(polynomial_type), intent(out) :: system
-    !> Coordinates for its memory; -1: it cannot be that of so many exponentials.
-    integer, intent(out) :: n_hidden
     type(status_type), intent(out) :: status
     type(polynomial_parameters) :: p
     type(structure_model) :: elastic
@@ -76,10 +73,6 @@ contains
     p%damping = damping
     p%base_direction = [(0.0_wp, a=1, n)]
     call new_polynomial(system, p, kernels, status)
-    n_hidden = -1
-    if (status%failed()) return
-    n_hidden = count_hidden(system)
-    if (n + n_hidden > most_in_frame) n_hidden = -1
   end subroutine whole_polynomial
 
 end module viscovib_whole_structure

@@ -185,6 +185,7 @@ contains
     integer :: i
 
     call system%take_sides(at%sides)
+    if (.not. allocated(system%sides)) at%grade = system%first_part()
     if (.not. allocated(system%signals)) return
     h = system%step_length
     rate = spread(v, 1, 2)
@@ -316,6 +317,7 @@ contains
       at%fresh = .false.
     end if
     call meet(at, method, system, which)
+    if (system%fading > 0.0_wp) at%grade = system%first_part()
     if (system%signals(which)%rough > 0.0_wp) at%grade = closest(system, which)
     more = at%until - at%from > 4.0_wp*spacing(at%until)
     at%short = .false.
@@ -358,9 +360,8 @@ contains
     end do
   end subroutine first_surface
 
-  !> The place of a passage by steps of their own from the start of the part, which have the order
-  !! of the method where its polynomial has not: Newton's method from the place by the polynomial,
-  !! with its slope, kept between places on either side of the surface.
+  !> The place of a passage by steps from the start of the part, which have the order of the method
+  !! where its polynomial has not: Newton's with its slope, kept between places on either side.
   subroutine correct(method, system, signal, side, at, place, passes, made, q, v)
     class(stepper_type), intent(in) :: method
     class(driven_system_type), intent(in) :: system

@@ -53,16 +53,11 @@ def test_against_scipy_from_switch_to_switch(law, gap):
         np.testing.assert_allclose(found.state, true, atol=2e-10)
 
 
-@pytest.mark.parametrize(("method", "order"), [("gauss2", 4), ("gauss3", 6)])
-def test_order_is_kept(method, order):
-    """Halved steps: the error falls as if nothing switched."""
-    exact = run(rubber(), dt=0.01).state[-1]
-    errors = [
-        np.abs(run(rubber(), method=method, dt=dt).state[-1] - exact).max()
-        for dt in (0.08, 0.04, 0.02)
-    ]
-    measured = np.log2(errors[0] / errors[2]) / 2
-    assert order - 0.6 < measured < order + 1.5
+def test_rates_much_faster_than_steps():
+    """A start away from rest and switches leave layers of 1e-4 s: parts of steps follow them."""
+    stiff = vv.PronyKernel(weights=[0.3, 3e3], rates=[1.0, 1e4])
+    run_of = {dt: run(rubber(kernel=stiff), initial=[0.3, 0, 0, 0], dt=dt) for dt in (0.1, 0.001)}
+    np.testing.assert_allclose(run_of[0.1].state[-1], run_of[0.001].state[-1], atol=2e-10)
 
 
 def test_goes_on_bit_for_bit_and_under_other_loads():
@@ -127,5 +122,5 @@ def test_what_is_refused_says_why():
         run(rubber(kernel=many))
     with pytest.raises(vv.InputError, match="neither base nor held"):
         run(rubber(), held=[0.1, 0.0])
-    with pytest.raises(vv.InputError, match="has the methods auto, gauss8, gauss2, gauss3"):
+    with pytest.raises(vv.InputError, match="has the methods auto, gauss8, and"):
         run(rubber(), method="rk4")

@@ -36,6 +36,13 @@ MORE = {
 &transient t_end=12 nu=0.9 tolerance=1e-10 /
 &event function='x2 - t/10' /
 """,
+    "a system that switches beside memory": """&kernel kind='prony' weights=0.3 0.6 rates=1 5 /
+&system coordinates='x' 'y' mass=1 2 stiffness=2 -1 -1 2 damping=0.1 0 0 0.1 /
+&force on='x' law='5*max(x - 0.1, 0)' /
+&force on='y' law='0.1*sign(y_dot)' kernel=0 /
+&load on='x' amplitude=0.8 /
+&transient t_end=12 nu=0.9 tolerance=1e-10 /
+""",
     "folded": """&system coordinates='x' mass=1 stiffness=1 damping=0.1 /
 &force on='x' law='x^3' /
 &load amplitude=0.3 /

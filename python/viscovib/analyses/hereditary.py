@@ -101,7 +101,7 @@ class MountMotion:
         check_oscillator(mount, base)
         frequencies, amplitudes, waves = _sinusoids(mount, load, nu, waved)
         breaks, pieces = table_of(force, n)
-        _warn_of_slow_mode(mount)
+        warn_of_slow_mode(mount)
         motion = cls(
             mount, end, state, name, frequencies, amplitudes, waves, breaks, pieces, first, before,
             moved, memory, np.ones(n, dtype=np.int32), oscillator_series(mount, load, waved),
@@ -512,7 +512,7 @@ def _inertia_of(mount: Oscillator, times: FloatArray, cubics: FloatArray) -> Flo
     return ever if stiffness.any() else load
 
 
-def _warn_of_slow_mode(mount: Oscillator) -> None:
+def warn_of_slow_mode(mount: Oscillator) -> None:
     """Warn that a run does not settle where a kernel's integral is 1 or more."""
     scale = 1.0 if isinstance(mount, PolynomialSystem) else mount.memory_scale
     if all(scale * kernel.integral < 1 for kernel in mount._active_kernels):

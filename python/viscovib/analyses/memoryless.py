@@ -1,4 +1,4 @@
-"""Motion without memory: runs of pendulums and polynomial systems by the methods of ODEs."""
+"""Motion without memory, or by exponentials that are coordinates: by the methods of ODEs."""
 
 import math
 from collections.abc import Callable, Mapping
@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from viscovib import _native
 from viscovib._native import FloatArray, core
-from viscovib.analyses.hereditary import NODES, moving, table_of
+from viscovib.analyses.hereditary import NODES, moving, table_of, warn_of_slow_mode
 from viscovib.analyses.runs import MAX_STEPS, Piece, Run, ThinLayers, nothing, starting_state
 from viscovib.common.parameters import MAX_HARMONICS
 from viscovib.common.past import Past
@@ -43,6 +43,8 @@ MAX_DOF = 6
 #: Methods that take more, by the sections of the linear rest, and how many these may be.
 IN_SECTIONS = ("gauss8", "gauss2", "gauss3")
 MAX_SECTIONS = 64
+#: The method whose parts behind a switch, each twice as long as the one before, see what fades.
+REMEMBERING = ("gauss8",)
 #: The same with coordinates of the core for exponentials that remember, as of `modal_frame`.
 MOST_IN_FRAME = 128
 
@@ -96,7 +98,9 @@ def goes_as_pendulum(
     """Whether a system needs nothing but what the methods of a pendulum give."""
     if isinstance(system, Mount) or system._turns:
         return False
-    if system._active_kernels or not _native.is_auto(memory):
+    if not _native.is_auto(memory):
+        return False
+    if system._active_kernels and not _fades_beside_switches(system, method):
         return False
     plain = load is None or type(load) is float
     orders: list[Any] = []
@@ -113,6 +117,18 @@ def goes_as_pendulum(
         and isinstance(highest, int)
         and highest <= MAX_HARMONICS
     )
+
+
+def switches_by_itself(system: PolynomialSystem) -> bool:
+    """Whether some law has kinks or jumps."""
+    return any(law.state or law.branches for group in system.groups for _, law in group.laws)
+
+
+def _fades_beside_switches(system: PolynomialSystem, method: str) -> bool:
+    """Whether steps may end where laws switch though the system remembers: by few exponentials."""
+    if method not in ("auto", *REMEMBERING) or not switches_by_itself(system):
+        return False
+    return 0 <= n_hidden(system) <= MOST_IN_FRAME - len(system.dof_names)
 
 
 @cache
@@ -169,12 +185,12 @@ def polynomial_runs(
         for i in range(n)
     ]
     # What elements and surfaces know is kept in one order, whatever acts later on.
-    switches = n > MAX_DOF or any(
-        law.state or law.branches for group in system.groups for _, law in group.laws
-    )
+    switches = n > MAX_DOF or switches_by_itself(system)
     moves = _all_move(n) if switches or all(driven) else moving(system, np.array(driven))
     layers = ThinLayers()
-    hidden = n_hidden(system)
+    if system._active_kernels:
+        warn_of_slow_mode(system)
+    hidden = n_hidden(system) if system._active_kernels else 0
     job = (system._flat, orders, series, frequency, breaks, pieces, moves, layers, hidden, force)
     return partial(PolynomialRun.of_job, system, name, state, solved, job), steps
 

@@ -142,6 +142,11 @@ def other_loads(
     if before is None and goes_as_pendulum(system, run.method, load, base, None, "auto"):
         make, _ = polynomial_runs(system, end, run.state, run.method, load, nu, force, run.solved)
         return known(make, breaks, force, base)
+    if before is None and system._active_kernels:
+        raise InputError(
+            "base: of a motion that ends its steps where laws switch and remembers, must not be "
+            "given with resume"
+        )
     if run.method not in NODES:
         raise InputError(
             f"resume: by method {run.method!r} no base moves and no load has such orders, must be "

@@ -19,6 +19,7 @@ from viscovib.analyses.memoryless import (
     MAX_SECTIONS,
     METHODS,
     MOST_IN_FRAME,
+    REMEMBERING,
     PolynomialRun,
     polynomial_runs,
 )
@@ -53,6 +54,8 @@ def goes_whole(
     told, n = None, len(system.dof_names)
     sections = n > MAX_DOF or bool(system._all_kernels)
     methods = ("auto", *(IN_SECTIONS if sections else METHODS))
+    if system._all_kernels:
+        methods = ("auto", *REMEMBERING)
     if n > MAX_SECTIONS:
         told = f"is for structures of at most {MAX_SECTIONS} coordinates, has {n}"
     elif system._reduced is not None:
