@@ -54,7 +54,7 @@ contains
     n = count(.not. ieee_is_nan(real(exponents)))
     taken = ieee_is_nan(real(exponents))
     ! Both of a pair about the line Im lambda = d/2 on that line's two sides.
-    where (aimag(exponents) < -0.25_wp*hill%period) exponents = exponents + whole
+    where (aimag(exponents(:n)) < -0.25_wp*hill%period) exponents(:n) = exponents(:n) + whole
     do i = 1, n
       if (taken(i)) cycle
       group = .false.
@@ -70,7 +70,7 @@ contains
       call sharpen(hill, system, zeros)
       exponents = unpack(zeros, group, exponents)
     end do
-    where (aimag(exponents) > 0.5_wp*hill%period) exponents = exponents - whole
+    where (aimag(exponents(:n)) > 0.5_wp*hill%period) exponents(:n) = exponents(:n) - whole
     call sort_falling(exponents(:n), real(exponents(:n)))
   end subroutine sharpen_clusters
 
@@ -80,11 +80,15 @@ contains
     logical, intent(in) :: taken(:)
     real(wp), intent(in) :: distance
     logical, intent(inout) :: group(:)
-    integer :: k
+    integer :: i, k
 
     do k = 1, size(exponents)
-      if (taken(k) .or. group(k)) cycle
-      group(k) = any(group .and. abs(exponents - exponents(k)) < distance)
+      if (taken(k)) cycle
+      do i = 1, size(exponents)
+        ! What is no number is in no group.
+        if (.not. group(i)) cycle
+        if (abs(exponents(i) - exponents(k)) < distance) group(k) = .true.
+      end do
     end do
   end subroutine spread_out
 

@@ -131,7 +131,7 @@ contains
     call read_loads(file, subject, load, canonical, status)
     if (.not. subject%is_structure .or. status%failed()) then
       subject%load = load
-      if (subject%is_polynomial .and. .not. subject%is_turning) then
+      if (subject%is_polynomial .and. .not. (subject%is_turning .or. status%failed())) then
         subject%goes_whole = may_go_whole(file, subject%polynomial, load)
       end if
       return
