@@ -148,8 +148,12 @@ def polynomial_runs(
     nu: float | None,
     force: LoadTable | None,
     solved: float,
+    whole: bool = False,
 ) -> tuple[Callable[[float], Run], int]:
-    """Return what makes a run with a step, and the steps to begin with."""
+    """Return what makes a run with a step, and the steps to begin with.
+
+    ``whole``: of a structure by its whole equations, with elements that may switch.
+    """
     n = len(system.dof_names)
     breaks, pieces = table_of(force, n)
     state = np.zeros(2 * n) if initial is None else starting_state(initial, n, system.dof_names)
@@ -185,7 +189,7 @@ def polynomial_runs(
         for i in range(n)
     ]
     # What elements and surfaces know is kept in one order, whatever acts later on.
-    switches = n > MAX_DOF or switches_by_itself(system)
+    switches = whole or switches_by_itself(system)
     moves = _all_move(n) if switches or all(driven) else moving(system, np.array(driven))
     layers = ThinLayers()
     if system._active_kernels:

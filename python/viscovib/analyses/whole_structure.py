@@ -126,7 +126,7 @@ def whole_runs(
 ) -> tuple[Callable[[float], Run], int]:
     """Return what makes a run with a step, and the steps to begin with."""
     whole = whole_system(structure)
-    make, steps = polynomial_runs(whole, end, initial, method, load, nu, force, solved)
+    make, steps = polynomial_runs(whole, end, initial, method, load, nu, force, solved, True)
     check_outside(structure, make(1.0).state)
     return partial(_of_structure, structure, make), steps
 
