@@ -12,6 +12,7 @@
 module viscovib_law_text
   use viscovib_constants, only: pi
   use viscovib_kinds, only: wp
+  use viscovib_law_functions, only: f_atan, f_atan2
   use viscovib_law_program, only: add, degree_of, divide, f_atleast, f_atmost, f_less, f_more, &
     f_pow, first_function, functions, known_power, law_program, multiply, negate, operands, &
     parity_of, power, put_argument, put_number, square, subtract, wall
@@ -25,6 +26,8 @@ module viscovib_law_text
 
   !> Bounds that keep a slip of the pen from filling the memory.
   integer, parameter :: max_depth = 100, max_code = 2000, max_stack = 60
+  !> An angle beside a number larger than this is that of a quotient.
+  real(wp), parameter :: least_divisor = 1.0e-20_wp
   character(len=*), parameter :: letters = &
                                  'abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ_'
 
@@ -228,6 +231,20 @@ contains
     call emit(cursor, merge(square, known_power, abs(exponent - 2.0_wp) <= 0.0_wp), exponent)
   end subroutine raise
 
+  !> The angle of the last value and the one before. With a number > 0 it is atan of the quotient and
+  !! has no cut.
+  subroutine turn(cursor)
+    type(cursor_type), intent(inout) :: cursor
+
+    if (cursor%fault /= '') return
+    if (cursor%code(cursor%n) == put_number .and. cursor%number(cursor%n) > least_divisor) then
+      call emit(cursor, divide, 0.0_wp)
+      call emit(cursor, f_atan, 0.0_wp)
+    else
+      call emit(cursor, f_atan2, 0.0_wp)
+    end if
+  end subroutine turn
+
   recursive subroutine read_primary(cursor, arguments, names, values)
     type(cursor_type), intent(inout) :: cursor
     character(len=*), intent(in) :: arguments(:), names(:)
@@ -300,6 +317,8 @@ contains
       call read_inside(cursor, arguments, names, values, operands(code))
       if (code == f_pow) then
         call raise(cursor)
+      else if (code == f_atan2) then
+        call turn(cursor)
       else
         call emit(cursor, code, 0.0_wp)
       end if

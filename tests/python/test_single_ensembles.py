@@ -296,7 +296,7 @@ def test_last_states_are_those_at_the_end(monkeypatch, every, held):
     load = {"load": 0.7, "nu": 1.3, "dt": 0.1}
     many = vv.simulate_ensemble(
         system, initial=[[0.3, 0], [-0.2, 0.5]], t_end=5, discard=1, statistics=True,
-        sample_every=every, amplitudes_at=[1.3], **load,
+        sample_every=every, amplitudes_at=[0.4], **load,
     )  # fmt: skip
     for start, last, peak in zip([[0.3, 0], [-0.2, 0.5]], many.state, many.peak, strict=True):
         run = vv.simulate(system, 5, initial=start, **load)

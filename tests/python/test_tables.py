@@ -134,7 +134,7 @@ MORE = {
 MORE["decided by harmonics left out"] = (
     "&mount mass=1, inertia=0.051, offset=0.5, stiffness_x=12.50, stiffness_phi=1.12,\n"
     "  damping=0.002836 0 0 0.0002836 /\n&load on='phi', amplitude=0.1761, phase=0.833, order=2 /\n"
-    "&response nu_min=0.483, nu_max=2.772, nu_count=12, method='newton', harmonics=9,\n"
+    "&response nu_from=0.483, nu_to=2.772, nu_count=12, method='newton', harmonics=9,\n"
     "  stability='yes' /\n"
 )
 # Steps begin by the highest order of the load.

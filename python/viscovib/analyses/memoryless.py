@@ -189,8 +189,8 @@ def polynomial_runs(
         for i in range(n)
     ]
     # What elements and surfaces know is kept in one order, whatever acts later on.
-    switches = whole or switches_by_itself(system)
-    moves = _all_move(n) if switches or all(driven) else moving(system, np.array(driven))
+    together = all(driven) or whole or switches_by_itself(system)
+    moves = _all_move(n) if together else moving(system, np.array(driven))
     layers = ThinLayers()
     if system._active_kernels:
         warn_of_slow_mode(system)

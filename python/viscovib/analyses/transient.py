@@ -210,7 +210,8 @@ def simulate(
         raise InputError('rtol, atol: are for dt = "auto", must not be given with dt')
     estimated = _native.flag("estimate_error", estimate_error)
     # As scenes tell it of a base at rest.
-    base = None if isinstance(base, Mapping) and not base else base
+    if base is not None and isinstance(base, Mapping) and not base:
+        base = None
     loads = Acting(load, nu, base, force, held, memory, coordinates)
     if resume is not None:
         if initial is not None:

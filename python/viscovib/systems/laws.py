@@ -85,7 +85,7 @@ class Law:
         pairs = zip(self.code, self.number, strict=True)
         return tuple(sorted({int(x) - 1 for code, x in pairs if code == _ARGUMENT}))
 
-    @property
+    @cached_property
     def branches(self) -> bool:
         """Whether it has a kink or a jump somewhere."""
         return any(code in _BRANCHES for code in self.code)
