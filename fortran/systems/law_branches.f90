@@ -1,11 +1,11 @@
 !> Where force laws change their branch, and laws with every branch held.
 !!
 !! abs, min, max, sign, heaviside and comparisons are smooth on either side of a surface: that on
-!! which what they compare is equal. So is atan2, where its first operand is 0: the cut of the angle.
-!! With its side of each surface held a law is smooth beyond it too, so that an integrator of high
-!! order steps up to the surface, and from there on with the other branch, without losing its order.
-!! Of a root or a power of what is 0 on a surface that is not so (viscovib_law_roots): the surface is
-!! rough.
+!! which what they compare is equal. So is atan2, where its first operand is 0: the cut of the
+!! angle. With its side of each surface held a law is smooth beyond it too, so that an integrator of
+!! high order steps up to the surface, and from there on with the other branch, without losing its
+!! order. Of a root or a power of what is 0 on a surface that is not so (viscovib_law_roots): the
+!! surface is rough.
 module viscovib_law_branches
   use viscovib_kinds, only: wp
   use viscovib_law_functions, only: angle_above, angle_below, f_atan2

@@ -231,8 +231,8 @@ contains
     call emit(cursor, merge(square, known_power, abs(exponent - 2.0_wp) <= 0.0_wp), exponent)
   end subroutine raise
 
-  !> The angle of the last value and the one before. With a number > 0 it is atan of the quotient and
-  !! has no cut.
+  !> The angle of the last value and the one before. With a number > 0 it is atan of the quotient
+  !! and has no cut.
   subroutine turn(cursor)
     type(cursor_type), intent(inout) :: cursor
 
