@@ -168,7 +168,7 @@ harmonics, in_range, stable, amplitudes = s.harmonics, s.in_range, s.stable, s.a
             return
         for i in np.flatnonzero(upright < 1e-9):
             near = abs(names["harmonics"][i, 0] - z[1] / 1j) < 0.2 * abs(z[1])
-            if near and names["in_range"][i]:
+            if near and names["in_range"][i] and names["s"].decided[i]:
                 yield Claim("upright motion is stable", bool(names["stable"][i]), bool(growth < 0))
 
     return Case(call, judge, may_refuse=True)

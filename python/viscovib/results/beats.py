@@ -137,7 +137,7 @@ class BeatingMotion(Result):
         found = np.abs(self.harmonics[~known]).sum(axis=0)
         for d in range(len(self.dof_names)):
             size = np.abs(self.harmonics[:, d])
-            use = known & (size > 1e-6 * size.max())
+            use = known & (size > 1e-16 * size.max())
             n, x = self.orders[use], self.harmonics[use, d]
             found[d] += max(_highest(n, x, angles), _highest(n, -x, angles))
         return np.asarray(found)
