@@ -7,6 +7,7 @@
 module viscovib_polynomial_motion
   use viscovib_dense, only: invert
   use viscovib_driven_system, only: driven_system_type, range_of_degree
+  use viscovib_elements_at_start, only: begin_elements
   use viscovib_frozen_surfaces, only: frozen, jump_over
   use viscovib_hidden_memory, only: count_hidden, unfold_memory
   use viscovib_kinds, only: wp
@@ -199,19 +200,13 @@ contains
     class(polynomial_motion_type), intent(in) :: self
     real(wp), intent(in) :: t(:), q(:, :), v(:, :)
     real(wp), intent(out) :: mu(:, :)
-    real(wp), dimension(n_lanes, self%n_dof) :: some_q, some_v, a
-    real(wp) :: times(n_lanes), some_mu(n_lanes, size(mu, 2))
-    integer :: i, l, from
+    real(wp) :: a(n_lanes, self%n_dof), some_mu(n_lanes, size(mu, 2))
+    integer :: i, from, place(n_lanes)
 
     do from = 1, size(t), n_lanes
-      do l = 1, n_lanes
-        i = min(from + l - 1, size(t))
-        times(l) = t(i)
-        some_q(l, :) = q(i, :)
-        some_v(l, :) = v(i, :)
-      end do
-      call self%but_laws(some_q, some_v, self%drive_at(times), a)
-      call self%laws%add(some_q, some_v, a, some_mu)
+      place = [(min(from + i - 1, size(t)), i=1, n_lanes)]
+      call self%but_laws(q(place, :), v(place, :), self%drive_at(t(place)), a)
+      call self%laws%add(q(place, :), v(place, :), a, some_mu)
       i = min(n_lanes, size(t) - from + 1)
       mu(from:from + i - 1, :) = some_mu(:i, :)
     end do
@@ -326,13 +321,7 @@ contains
   subroutine settle(self, q, v)
     class(polynomial_motion_type), intent(inout) :: self
     real(wp), intent(in) :: q(:), v(:)
-    real(wp) :: d(1), rate(1)
-    integer :: i
-    do i = 1, size(self%laws%elements)
-      d = self%laws%deflection(i, reshape(q, [1, size(q)]))
-      rate = self%laws%deflection(i, reshape(v, [1, size(v)]))
-      call self%laws%elements(i)%set(d(1), rate(1))
-    end do
+    call begin_elements(self%laws, q, v)
   end subroutine settle
 
   !> How many numbers say what elements know, stops first, and on which side of every surface the

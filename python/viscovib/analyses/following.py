@@ -337,25 +337,7 @@ def _branch(
         _allowed=allowed,
         _parts=Parts(system, shown.job[-2], shown.job[-1]),
     )
-    stable = branch.stable
-    few, blurred = branch._few, branch.error > allowed
-    _warn_above(
-        branch.error,
-        allowed,
-        tolerance,
-        way.varies,
-        p,
-        "rounding leaves more than the tolerance",
-        hanging(stable, blurred & ~few, "rounding decides"),
-    )
-    worst = int(np.where(few, branch.truncation, 0).argmax())
-    _warn_above(
-        np.where(few, branch.truncation, 0), allowed, tolerance, way.varies, p,
-        f"harmonics up to {orders[-1]} do not reach the tolerance",
-        (falling(motions[worst]) if few[worst] else "")
-        + hanging(stable, few)
-        + truncated_crossings([c.before for c in branch.crossings], few),
-    )  # fmt: skip
+    _warn_of_doubts(branch, motions, p)
     advice = ""
     if branch.outcome == "stuck":
         advice = told_edges(system) + advice_on_sticking(system)
@@ -367,6 +349,25 @@ def _branch(
         )
     branch._warn_of_reduction()
     return branch
+
+
+def _warn_of_doubts(branch: Branch, motions: ComplexArray, p: FloatArray) -> None:
+    """Tell where rounding, or harmonics left out, leave more than the tolerance."""
+    stable, allowed, tolerance = branch.stable, branch._allowed, branch._tolerance
+    few, blurred = branch._few, branch.error > allowed
+    _warn_above(
+        branch.error, allowed, tolerance, branch.varies, p,
+        "rounding leaves more than the tolerance",
+        hanging(stable, blurred & ~few, "rounding decides"),
+    )  # fmt: skip
+    worst = int(np.where(few, branch.truncation, 0).argmax())
+    _warn_above(
+        np.where(few, branch.truncation, 0), allowed, tolerance, branch.varies, p,
+        f"harmonics up to {branch.harmonics[-1]} do not reach the tolerance",
+        (falling(motions[worst]) if few[worst] else "")
+        + hanging(stable, few)
+        + truncated_crossings([c.before for c in branch.crossings], few),
+    )  # fmt: skip
 
 
 def _warn_above(
