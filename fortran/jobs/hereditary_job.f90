@@ -204,6 +204,11 @@ contains
     integer :: reached, reason
 
     if (counting) call count_up(counted_runs, 1)
+    select type (system => self%system)
+    class is (polynomial_type)
+      trajectory%over_kinks = any([(system%laws(i)%program%n_surfaces() > 0, &
+                                    i=1, size(system%laws))])
+    end select
     every = job%steps_apart(n, thinning)
     trajectory%h = job%t_end/real(n, wp)
     if (allocated(job%watched)) then

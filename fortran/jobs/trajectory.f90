@@ -7,7 +7,14 @@ module viscovib_trajectory
   implicit none
   private
 
-  public :: trajectory_type, change_of
+  public :: trajectory_type, change_of, compare, hopeless
+
+  !> What halving the step gains of errors where steps go over kinks of forces.
+  real(wp), parameter :: gain_at_kinks = 4.0_wp
+
+  !> Halvings of the step before a tolerance is given up, and while two runs end unlike each
+  !! other.
+  integer, parameter :: min_halvings = 5, max_unlike = 9
 
   type :: trajectory_type
     !> Times of the states kept, the start first; states, a column each.
@@ -24,6 +31,8 @@ module viscovib_trajectory
     integer(i8) :: n_steps = 0
     !> How many times as long the steps are as those whose nodes see every thin layer of a law.
     real(wp) :: too_long = 0.0_wp
+    !> Whether steps go over kinks and jumps of laws, so that errors are no power of the step.
+    logical :: over_kinks = .false.
     !> States on the way of a run that keeps the last alone, a column each; not allocated: none.
     real(wp), allocatable :: looks(:, :)
     !> Events that were found, if any were looked for; states are of the coordinates kept.
@@ -48,6 +57,44 @@ contains
     if (fine%outcome == run_diverged .and. fine%t(n) >= fine%t_reached) n = n - 1
     if (n > 0) change = max(change, maxval(abs(fine%states(:, :n) - coarse%states(:, :n))))
   end function change_of
+
+  !> Whether two runs that end agree. Where steps go over kinks they may be wrong alike: what a
+  !! kink spoils in a step depends on where in it it is, and has either sign. Then the run before,
+  !! in steps twice as long, differs from both, and its difference from the coarse one counts, too.
+  pure subroutine compare(coarse, fine, allowed, lost, change, met)
+    type(trajectory_type), intent(in) :: coarse, fine
+    !> Errors allowed in each row of states.
+    real(wp), intent(in) :: allowed(:)
+    !> What the last differences tell of the run to come, of each row; not allocated: none yet.
+    real(wp), allocatable, intent(inout) :: lost(:)
+    real(wp), intent(inout) :: change
+    logical, intent(inout) :: met
+    real(wp), allocatable :: off(:)
+    off = maxval(abs(fine%states - coarse%states), 2)
+    met = met .and. all(off <= allowed)
+    if (.not. fine%over_kinks) return
+    met = met .and. allocated(lost)
+    if (allocated(lost)) then
+      met = met .and. all(lost <= allowed)
+      change = max(change, maxval(lost))
+    end if
+    lost = off/gain_at_kinks
+  end subroutine compare
+
+  !> Whether halving is vain, for chaos or rounding: two gain less than a digit. That two runs
+  !! end unlike each other is no measure of what a halving gains.
+  pure logical function hopeless(changes)
+    real(wp), intent(in) :: changes(:)
+    integer :: n
+    n = size(changes)
+    hopeless = .false.
+    if (n < min_halvings) return
+    if (changes(n) < huge(1.0_wp)) then
+      hopeless = changes(n) > 0.1_wp*changes(n - 2)
+    else
+      hopeless = n >= max_unlike
+    end if
+  end function hopeless
 
   !> From the coordinates computed to all, the others at rest.
   subroutine spread_out(self, moved)

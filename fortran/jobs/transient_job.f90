@@ -10,7 +10,7 @@ module viscovib_transient_job
   use viscovib_simulate, only: run_completed, run_names, run_stopped, simulate
   use viscovib_status, only: fail, set_ok, show, status_input_error, status_type
   use viscovib_stepper, only: stepper_type
-  use viscovib_trajectory, only: change_of, trajectory_type
+  use viscovib_trajectory, only: change_of, compare, hopeless, trajectory_type
   use viscovib_watch, only: new_watch, renumbered
   implicit none
   private
@@ -21,9 +21,8 @@ module viscovib_transient_job
   real(wp), parameter :: rounding = 1.0e-15_wp
   !> Relative error of the time of a stop inside a step.
   real(wp), parameter, public :: located = 1.0e-12_wp
-  !> Halvings of the step before a tolerance is given up, and while two runs end unlike each
-  !! other.
-  integer, parameter :: min_halvings = 5, max_halvings = 12, max_unlike = 9
+  !> Halvings of the step at most.
+  integer, parameter :: max_halvings = 12
   !> Steps before a stop that two runs must differ by: a first step with memory ends as the
   !! second of half its length does, and what follows a step that fails is found by steps of
   !! its own.
@@ -141,11 +140,11 @@ contains
     type(status_type), intent(out) :: status
     type(trajectory_type) :: coarse
     real(wp) :: n, change, changes(max_halvings)
+    real(wp), allocatable :: lost(:)
     integer :: i, factor, n_changes
     logical :: met
 
-    n = min(wanted, 2.0_wp*max_steps)
-    n = first_steps(job, n)
+    n = first_steps(job, min(wanted, 2.0_wp*max_steps))
     call check_work(job, n, status)
     if (status%failed()) return
     factor = 1
@@ -170,9 +169,8 @@ contains
       call maker%align(coarse, trajectory)
       change = max(change_of(coarse, trajectory), parted(maker, job, coarse, trajectory))
       if (change < huge(1.0_wp) .and. trajectory%outcome == run_completed) then
-        met = all(maxval(abs(trajectory%states - coarse%states), 2) &
-                  <= job%allowed(trajectory%states)) &
-              .and. .not. parted(maker, job, coarse, trajectory) > 0.0_wp
+        met = .not. parted(maker, job, coarse, trajectory) > 0.0_wp
+        call compare(coarse, trajectory, job%allowed(trajectory%states), lost, change, met)
       else
         met = change <= job%allowed_at_stop(trajectory) &
               .and. (trajectory%n_steps == 0 .or. trajectory%n_steps >= few)
@@ -253,21 +251,6 @@ contains
     allowed = max(job%allowed(other%states), one_motion*maxval(abs(other%states), 2))
     if (any(off > allowed)) change = maxval(off)
   end function parted
-
-  !> Whether halving is vain, for chaos or rounding: two gain less than a digit. That two runs
-  !! end unlike each other is no measure of what a halving gains.
-  pure logical function hopeless(changes)
-    real(wp), intent(in) :: changes(:)
-    integer :: n
-    n = size(changes)
-    hopeless = .false.
-    if (n < min_halvings) return
-    if (changes(n) < huge(1.0_wp)) then
-      hopeless = changes(n) > 0.1_wp*changes(n - 2)
-    else
-      hopeless = n >= max_unlike
-    end if
-  end function hopeless
 
   !> Tell states of a run by numbers that can be compared to those of another.
   subroutine align(self, run, like)

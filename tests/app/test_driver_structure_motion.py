@@ -213,3 +213,27 @@ def test_steps_end_where_laws_switch(solve, tmp_path, name):
     _same(tmp_path / f"{name}_transient.csv", tmp_path / "again.csv")
     assert str(vv.plan(path)).splitlines() == solve(path, "--plan").stdout.splitlines()
     assert scene.override({}).canonical == scene.canonical
+
+
+@pytest.mark.parametrize("amplitude", [0.3, 0.35, 0.4, 0.45, 0.5, 0.55])
+def test_steps_over_kinks_are_found_alike(solve, tmp_path, amplitude):
+    """Where two runs may be wrong alike both look at three: the same steps and error."""
+    path = tmp_path / "kinked.nml"
+    path.write_text(
+        CHAIN.format(FIXED, "damping=0.1 0.01 0.02 0")
+        + KERNELS
+        + "&element on='x1' law='3*max(d - 0.1, 0)' kernel=2 /\n"
+        f"&load on='x1' amplitude={amplitude} /\n"
+        f"&transient nu=0.7 t_end=8 tolerance=1e-5 keep='last' {START} /\n"
+    )
+    done = solve(path, "--out", tmp_path)
+    assert done.returncode == 0
+    scene = vv.Scene.read(path)
+    run = vv.simulate(
+        scene.structure(), 8, **{k: v for k, v in scene.loads().items() if v}, nu=0.7,
+        initial=scene.groups["transient"]["initial"], tolerance=1e-5, keep="last",
+    )  # fmt: skip
+    told = float(done.stdout.split("estimated error")[1])
+    assert told == pytest.approx(run.error, rel=1e-6)
+    table = read_csv(tmp_path / "kinked_transient.csv")
+    assert float(table["x1"]) == pytest.approx(run.state[0, 0], abs=1e-13)

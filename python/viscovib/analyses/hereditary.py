@@ -24,6 +24,7 @@ from viscovib.systems.load import LoadLike, oscillator_series
 from viscovib.systems.load_table import LoadTable, added
 from viscovib.systems.oscillators import Oscillator, check_oscillator
 from viscovib.systems.polynomial_system import PolynomialSystem
+from viscovib.systems.whole import has_kinks
 
 #: Nodes of a step, and steps a fastest period to begin with when the step is to be found.
 NODES = {"gauss2": 2, "gauss3": 3, "gauss4": 4, "gauss6": 6, "gauss8": 8}
@@ -210,6 +211,11 @@ class MountRun(Run):
         self.left_out: Any = None
         if motion.memory == "direct":
             self._keep_all()
+
+    @property
+    def over_kinks(self) -> bool:
+        """Whether laws have any: the past is known at whole steps only."""
+        return has_kinks(self.system)
 
     def on(self, mesh: Mesh) -> Run:
         """The same run in the steps of a mesh."""

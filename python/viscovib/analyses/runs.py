@@ -324,6 +324,11 @@ class Run(ABC):
         return False
 
     @property
+    def over_kinks(self) -> bool:
+        """Whether steps go over kinks of laws, so that errors are no power of their length."""
+        return False
+
+    @property
     def switched(self) -> FloatArray:
         """What tells on which sides of its surfaces the motion is; none: nothing switches."""
         return np.empty(0)

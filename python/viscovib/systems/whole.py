@@ -24,6 +24,14 @@ def switches(structure: Structure) -> bool:
     return any(law.state or law.branches for law in _laws_of(structure))
 
 
+def has_kinks(system: object) -> bool:
+    """Whether some law of any system has kinks or jumps, or some element knows what was."""
+    if isinstance(system, Structure):
+        return switches(system)
+    groups = system.groups if isinstance(system, PolynomialSystem) else ()
+    return any(law.state or law.branches for group in groups for _, law in group.laws)
+
+
 def shares_switches(structure: Structure) -> bool:
     """Whether a law that switches with a rate is on the deflection of an element with a state.
 

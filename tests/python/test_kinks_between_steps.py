@@ -1,0 +1,52 @@
+"""Kinks of laws on which steps do not end, beside memory: errors are below what is told."""
+
+import numpy as np
+import pytest
+import viscovib as vv
+from viscovib.analyses.runs import NotMetError
+
+#: Laws, and whether they have the kernel.
+LAWS = [
+    ("2*max(d - 0.1, 0)", False),
+    ("0.5*max(d - 0.05, 0)^1.5", False),
+    ("4*abs(d - 0.1)*d", False),
+    ("2*abs(d)*v", True),
+]
+
+
+def simulated(law, load, **given):
+    """A mass on rubber, the law beside it or behind its kernel."""
+    kernel = vv.PronyKernel(weights=[0.3], rates=[1.5])
+    springs = [law, vv.Spring(on="x1", law="0.5*d + 0.2*d^3", kernel=kernel)]
+    system = vv.Structure(mass=[1.0], stiffness=[1.4], damping=[0.1], elements=springs)
+    given = {"load": {"x1": load}, "nu": 1.25, "initial": [0.4, 0.25], "keep": "last", **given}
+    return vv.simulate(system, 5.0, **given)
+
+
+@pytest.mark.parametrize(("law", "behind"), LAWS)
+def test_errors_hold(law, behind):
+    """Against runs whose steps end on the kinks: two runs are wrong alike in some of ten."""
+    kernel = vv.PronyKernel(weights=[0.3], rates=[1.5]) if behind else None
+    spring = vv.Spring(on="x1", law=law, kernel=kernel)
+    beyond = []
+    for load in 0.3 + 0.05 * np.arange(10):
+        true = simulated(spring, load, tolerance=1e-9)
+        try:
+            run = simulated(spring, load, tolerance=1e-6, memory="exponentials")
+        except NotMetError:
+            continue
+        assert run.error <= 1e-6
+        beyond.append(np.abs(run.state - true.state).max() / run.error)
+    assert len(beyond) >= 6
+    assert max(beyond) <= 1
+
+
+def test_smooth_laws_take_no_third_run():
+    """A kink that is never met asks for one more; a law without kinks for none."""
+    steps = [
+        simulated(vv.Spring(on="x1", law=law), 0.4, tolerance=1e-3, memory="exponentials").stats[
+            "steps"
+        ]
+        for law in ("0.3*sin(d)", "0.3*sin(d) + max(d - 9, 0)")
+    ]
+    assert steps[1] == 2 * steps[0]
