@@ -20,9 +20,9 @@ end subroutine polynomial_check
 
 !> Motion of a system without memory, or with one of exponentials alone; the load and its frequency
 !! as in mount_binding, all else as in `pendulum_simulate`, but resume = 2: under other loads,
-!! elements remembering; the last numbers of kept: whether steps were made in parts, and how many
-!! of it are the method's; in_parts /= 0: all steps are made in parts that see thin layers of
-!! forces; thin: how thin one may be for a part. moves, breaks, pieces, ends and made_by as in
+!! elements remembering; the last numbers of kept: how long the next part of a step may be, whether
+!! steps were made in parts, and how many of it are the method's; in_parts /= 0: all steps are made
+!! in parts that see thin layers of forces; thin: how thin one may be for a part. moves, breaks, pieces, ends and made_by as in
 !! `mount_simulate`, with less than two breaks there is no load but the periodic one.
 subroutine polynomial_simulate(flat, n_flat, orders, series, n_rows, n_series, nu, breaks, &
                                pieces, n_breaks, ends, made_by, n_ends, method, in_parts, thin, &
@@ -121,6 +121,8 @@ subroutine polynomial_simulate(flat, n_flat, orders, series, n_rows, n_series, n
       ! Behind what the method kept under the loads before, which may have been as many or not.
       i = nint(memory(n_memory))
       call motion%recall_switches(memory(i + 1:i + motion%n_switches()))
+      motion%begins = resume == 2
+      motion%grade = memory(n_memory - 2)
     end if
     if (n_watch > 1) then
       ! All coordinates are computed then.
@@ -143,6 +145,7 @@ subroutine polynomial_simulate(flat, n_flat, orders, series, n_rows, n_series, n
     i = stepper%memory_size()
     kept(:i) = stepper%save_memory()
     kept(i + 1:i + motion%n_switches()) = motion%keep_switches()
+    kept(n_memory - 2) = motion%grade
     kept(n_memory - 1) = merge(1.0_c_double, 0.0_c_double, motion%in_parts)
     kept(n_memory) = i
     last(2*dofs - 1) = stepper%q(:n)

@@ -64,6 +64,10 @@ module viscovib_driven_system
     !! allocated: as its state tells.
     integer, allocatable :: sides(:)
     logical, allocatable :: fresh(:)
+    !> Whether the motion or its load begins where the run does; if not, how long the next part of a
+    !! step may be (0: any).
+    logical :: begins = .true.
+    real(wp) :: grade = 0.0_wp
     !> The linear rest by its sections, where steps take these exactly.
     type(modal_frame), allocatable :: frame
   contains

@@ -15,7 +15,8 @@ module viscovib_simulate
   use viscovib_subnormals, only: flushing_type
   use viscovib_wanted_states, only: wanted_states
   use viscovib_watch, only: new_watch, watch_type
-  use viscovib_watched_step, only: begin_graded, halve, sides_of, step_watched, watched_step_type
+  use viscovib_watched_step, only: begin_graded, begin_small, halve, sides_of, step_watched, &
+    watched_step_type
   implicit none
   private
 
@@ -105,8 +106,7 @@ contains
     ends = equal_steps(method%h)
     if (present(mesh)) ends = mesh
     piece = ends%piece_of(first)
-    now = 0.0_wp
-    if (first > 0) now = ends%time(piece, first)
+    now = ends%start_of(first)
     if (ends%is_broken()) call enter_piece(method, system, ends, piece, now)
     if (.not. present(watch)) call new_watch(unwatched, [real(wp) ::])
     system%step_length = method%h
@@ -118,7 +118,7 @@ contains
       at%sides = sides_of(system, now, method%q, method%v)
       at%fresh = spread(.false., 1, size(at%sides))
     end if
-    call begin_graded(at, system, method%q, method%v)
+    call begin_graded(at, system, method%q, method%v, ends%begins(piece, first))
     call layers%begin(system, now, method%q, method%v)
     missed = .false.
     do i = 1, n_steps
@@ -130,6 +130,7 @@ contains
       if (first + i - 1 >= ends%made_by(piece)) then
         piece = piece + 1
         call enter_piece(method, system, ends, piece, now)
+        call begin_small(at, system%first_part())
         call past%forget()
       end if
       at%from = now
@@ -168,6 +169,7 @@ contains
       system%sides = at%sides
       system%fresh = at%fresh
     end if
+    system%grade = at%grade
     n_reached = wanted%n_reached
     at_times(:, :n_reached) = wanted%states(:size(at_times, 1), :n_reached)
   end subroutine run_through

@@ -21,7 +21,7 @@ module viscovib_watched_step
   implicit none
   private
 
-  public :: watched_step_type, step_watched, begin_graded, halve, sides_of
+  public :: watched_step_type, step_watched, begin_graded, begin_small, halve, sides_of
 
   !> Surfaces passed in one step before the motion counts as one that stays on them.
   integer, parameter :: most_passages = 1000
@@ -177,15 +177,22 @@ contains
   end subroutine step_watched
 
   !> Before the first step: hold the sides; the motion may begin on a rough surface, or beside it.
-  subroutine begin_graded(at, system, q, v)
+  subroutine begin_graded(at, system, q, v, jumps)
     type(watched_step_type), intent(inout) :: at
     class(driven_system_type), intent(inout) :: system
     real(wp), intent(in) :: q(:), v(:)
+    !> Whether the load may jump or bend here.
+    logical, intent(in) :: jumps
     real(wp) :: g(2), here(2, size(q)), rate(2, size(q)), h
     integer :: i
 
     call system%take_sides(at%sides)
-    if (.not. allocated(system%sides)) at%grade = system%first_part()
+    if (.not. system%begins) then
+      at%grade = system%grade
+      if (jumps) call begin_small(at, system%first_part())
+      return
+    end if
+    call begin_small(at, system%first_part())
     if (.not. allocated(system%signals)) return
     h = system%step_length
     rate = spread(v, 1, 2)
@@ -195,9 +202,17 @@ contains
       if (.not. system%signals(i)%rough > 0.0_wp) cycle
       call system%signal_at(i, [0.0_wp, h], here, rate, g)
       if (abs(g(1)) >= abs(g(2) - g(1))) cycle
-      at%grade = max(closest(system, i), h*abs(g(1)/(g(2) - g(1))))
+      call begin_small(at, max(closest(system, i), h*abs(g(1)/(g(2) - g(1)))))
     end do
   end subroutine begin_graded
+
+  !> The next part is no longer than this (0: any), and those behind it double.
+  pure subroutine begin_small(at, length)
+    type(watched_step_type), intent(inout) :: at
+    real(wp), intent(in) :: length
+    if (.not. length > 0.0_wp) return
+    if (.not. (at%grade > 0.0_wp .and. at%grade < length)) at%grade = length
+  end subroutine begin_small
 
   !> How long the part just made should have been because of rough surfaces ahead.
   subroutine look_for_rough(at, system, which, place, h, length)
@@ -317,8 +332,8 @@ contains
       at%fresh = .false.
     end if
     call meet(at, method, system, which)
-    if (system%fading > 0.0_wp) at%grade = system%first_part()
-    if (system%signals(which)%rough > 0.0_wp) at%grade = closest(system, which)
+    call begin_small(at, system%first_part())
+    if (system%signals(which)%rough > 0.0_wp) call begin_small(at, closest(system, which))
     more = at%until - at%from > 4.0_wp*spacing(at%until)
     at%short = .false.
     if (more) call method%change_step(system, at%until - at%from)

@@ -77,6 +77,45 @@ def test_goes_on_bit_for_bit_and_under_other_loads():
     assert np.abs(fresh.state[-1] - free.state[-1]).max() > 1e-3
 
 
+def test_parts_behind_a_switch_go_on():
+    """A run may be cut anywhere behind a switch: parts double from where they were, to the bit."""
+    stiff = rubber(kernel=vv.PronyKernel(weights=[0.2, 1e3], rates=[1.0, 2e3]))
+    whole = run(stiff, dt=1 / 16, initial=[0.3, 0, 0, 0])
+    for k in range(1, 128, 2):
+        before = run(stiff, k / 16, dt=1 / 16, initial=[0.3, 0, 0, 0])
+        rest = vv.simulate(stiff, 8, resume=before)
+        np.testing.assert_array_equal(whole.state[-1], rest.state[-1])
+
+
+@pytest.mark.parametrize("rate", [100.0, 500.0, 2000.0])
+def test_jumps_of_loads_beside_fast_rates(rate):
+    """A box of a load leaves layers, in a table and where other loads go on: SciPy by stretches."""
+    weights, rates = [0.2, 0.5 * rate], [1.0, rate]
+    system = rubber(kernel=vv.PronyKernel(weights=weights, rates=rates))
+    between, now = np.array([1.0, -1.0]), np.zeros(2)
+    judge = Automaton(
+        np.array([1.0, 2.0]), np.diag([1.0, 2.0]), np.diag([0.05, 0.1]), lambda t: now,
+        [Sliders(between, [3.0], [0.15]),
+         Fading(between, lambda d, over: 2 * d + 0.5 * d**3, weights, rates, np.inf),
+         Contact(np.array([0.0, 1.0]), 20.0, 0.2, False)],
+        [None] * 2, [None] * 2,
+    )  # fmt: skip
+    y, true = judge.start(np.zeros(2), np.array([0.3, 0.0])), []
+    for begin, push in enumerate((0.0, 0.9, 0.0)):
+        now[0] = push
+        y = judge.stretch(y, float(begin), begin + 1.0)
+        true.append(y[[0, 2, 1, 3]])
+    box = vv.LoadTable(times=[1, 2], values=[[0.9, 0], [0.9, 0]])
+    start = {"initial": [0, 0.3, 0, 0], "dt": 0.1}
+    found = vv.simulate(system, 3, force=box, times=[1, 2, 3], estimate_error=True, **start)
+    np.testing.assert_allclose(found.state, true, atol=2e-12)
+    assert np.max(found.error) < 2e-12
+    before = vv.simulate(system, 1, **start)
+    pushed = vv.simulate(system, 2, resume=before, load={0: [0.9j, 0]}, nu=0.0)
+    free = vv.simulate(system, 3, resume=pushed, load=0)
+    np.testing.assert_allclose([pushed.state[-1], free.state[-1]], true[1:], atol=2e-12)
+
+
 def test_events_and_means_are_of_coordinates():
     """Events may name the time; what the core hides is told nowhere."""
     found = run(rubber(), tolerance=1e-9, events=["x1 - 0.1", "t - 3", "x2_dot"])

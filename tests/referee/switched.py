@@ -137,6 +137,25 @@ class Automaton:
             self.signals()[fired][1](t, y)
         return None
 
+    def stretch(self, y, t, end):
+        """Where a motion is at the end of a time within which forces are smooth."""
+        while t < end:
+            self.settle(t, y)
+            signals = [g for g, _ in self.signals()]
+            for g in signals:
+                g.terminal, g.direction = True, -1
+            run = solve_ivp(
+                self.rates, (t, end), y, "DOP853", rtol=1e-12, atol=1e-13, events=signals,
+                max_step=0.02,
+            )  # fmt: skip
+            t, y = run.t[-1], run.y[:, -1]
+            if run.status == 0:
+                break
+            fired = next(i for i, at in enumerate(run.t_events) if at.size)
+            t, y = self.corrected(signals[fired], run)
+            self.signals()[fired][1](t, y)
+        return y
+
     def corrected(self, signal, run):
         """Time and state of a passage, by Newton with integrations from the step before."""
         now, y = run.t[-1], run.y[:, -1]

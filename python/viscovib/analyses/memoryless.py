@@ -258,14 +258,14 @@ class PolynomialRun(Run):
     @property
     def switched(self) -> FloatArray:
         """What elements know, and sides of surfaces, as the core keeps them behind the method's."""
-        return np.empty(0) if self.memory is None else self.memory[int(self.memory[-1]) : -2]
+        return np.empty(0) if self.memory is None else self.memory[int(self.memory[-1]) : -3]
 
     def belongs_to_state(self) -> npt.NDArray[np.bool_]:
         """Coordinates, velocities, what rounding left of them, and what elements know."""
         assert self.memory is not None
         n = int(np.count_nonzero(self.job[6]))
         belongs = _of_states(self.memory.size, self.method, n, self.job[8])
-        belongs[int(self.memory[-1]) : -2] = True
+        belongs[int(self.memory[-1]) : -3] = True
         return belongs
 
     def compute_all(self) -> None:
