@@ -116,6 +116,28 @@ def test_jumps_of_loads_beside_fast_rates(rate):
     np.testing.assert_allclose([pushed.state[-1], free.state[-1]], true[1:], atol=2e-12)
 
 
+def test_order_at_switches_is_that_of_the_method():
+    """Slow kernels, so that no parts are graded: steps a third as long, of order 7 at least."""
+    weights, rates = [0.1, 0.1], [0.3, 0.4]
+    system = rubber("8*d^3", vv.PronyKernel(weights=weights, rates=rates))
+    between, times = np.array([1.0, -1.0]), np.linspace(0, 8, 3)
+    judge = Automaton(
+        np.array([1.0, 2.0]), np.diag([1.0, 2.0]), np.diag([0.05, 0.1]),
+        lambda t: np.array([0.9, 0.0]) * np.sin(1.3 * t),
+        [Sliders(between, [3.0], [0.15]),
+         Fading(between, lambda d, over: 2 * d + 8 * d**3, weights, rates, np.inf),
+         Contact(np.array([0.0, 1.0]), 20.0, 0.2, False)],
+        [None] * 2, [None] * 2,
+    )  # fmt: skip
+    true = judge.run([0.8, 0.0], [0.0, 0.0], times)
+    errors = [
+        np.abs(run(system, initial=[0.8, 0, 0, 0], dt=dt, times=times).state - true).max()
+        for dt in (1.0, 1 / 3)
+    ]
+    assert 1e-9 < errors[0] < 1e-6
+    assert np.log(errors[0] / errors[1]) / np.log(3) > 7
+
+
 def test_events_and_means_are_of_coordinates():
     """Events may name the time; what the core hides is told nowhere."""
     found = run(rubber(), tolerance=1e-9, events=["x1 - 0.1", "t - 3", "x2_dot"])
