@@ -22,8 +22,9 @@ end subroutine polynomial_check
 !! as in mount_binding, all else as in `pendulum_simulate`, but resume = 2: under other loads,
 !! elements remembering; the last numbers of kept: how long the next part of a step may be, whether
 !! steps were made in parts, and how many of it are the method's; in_parts /= 0: all steps are made
-!! in parts that see thin layers of forces; thin: how thin one may be for a part. moves, breaks, pieces, ends and made_by as in
-!! `mount_simulate`, with less than two breaks there is no load but the periodic one.
+!! in parts that see thin layers of forces; thin: how thin one may be for a part. moves, breaks,
+!! pieces, ends and made_by as in `mount_simulate`, with less than two breaks there is no load but
+!! the periodic one.
 subroutine polynomial_simulate(flat, n_flat, orders, series, n_rows, n_series, nu, breaks, &
                                pieces, n_breaks, ends, made_by, n_ends, method, in_parts, thin, &
                                moves, initial, h, tolerance, first, n_steps, save_every, resume, &
