@@ -5,8 +5,9 @@
 !!
 !!   q_(k+1) = h v_k/(k + 1),  v_(k+1) = h a_k/(k + 1),
 !!
-!! a_k being the coefficient of the acceleration, in which loads, springs and dampers are linear and
-!! forces are products that a `series_program` finds.
+!! a_k being the coefficient of the acceleration: a sum of multiples of registers, of springs,
+!! dampers, both parts of each order of the load, and the forces, whose registers a `series_program`
+!! finds. Sums and multiples at the end of a law are taken apart into those of the acceleration.
 module viscovib_motion_series
   use viscovib_aligned, only: alignment_slack, first_aligned
   use viscovib_kinds, only: wp
@@ -20,18 +21,26 @@ module viscovib_motion_series
 
   public :: motion_series, new_motion_series
 
+  !> Up to so many coordinates sums are taken apart, for every equation; more equations would each
+  !! sum again.
+  integer, parameter :: most_apart = 3
+
   type :: motion_series
     integer :: n_dof = 0
     type(series_program) :: program
-    !> Registers of the products, monomials before laws; orders of the load.
-    integer, allocatable, private :: products(:), orders(:)
-    !> For each equation the numbers of what its acceleration is a sum of, as in `lane_motion_type`,
-    !! of all blocks: stiffness and damping of each coordinate, weights of the products, both parts
-    !! of the load; shape (n_wide, n_terms, n_dof) from `first` on, on a cache line.
-    integer, private :: n_terms = 0, first = 1
+    !> Orders of the load; their sines and cosines are the registers behind `before_loads`.
+    integer, allocatable, private :: orders(:)
+    integer, private :: before_loads = 0
+    !> What the accelerations are sums of: registers, those of equation d from ends(d - 1) + 1 to
+    !! ends(d), and their weights of all blocks, shape (n_wide, n_terms) from `first` on, on a cache
+    !! line.
+    integer, allocatable, private :: ends(:), registers(:)
+    integer, private :: first = 1
     real(wp), allocatable, private :: room(:)
   contains
     procedure :: expand
+    procedure, private :: start_loads
+    procedure, private :: turn_loads
   end type motion_series
 
 contains
@@ -43,34 +52,64 @@ contains
     type(lane_motion_type), intent(in) :: motions(:)
     !> Whether all functions of the laws have series here.
     logical, intent(out) :: known
-    integer :: b, i, m, n
+    integer, allocatable :: products(:)
+    integer :: i, m, n
 
     n = motions(1)%n_dof
     m = size(motions(1)%monomials)
     series%n_dof = n
     series%orders = motions(1)%orders
     series%program%n_registers = 2*n
-    allocate (series%program%steps(0), series%products(m + size(motions(1)%laws)))
+    allocate (series%program%steps(0), products(m + size(motions(1)%laws)))
     do i = 1, m
       associate (term => motions(1)%monomials(i))
-        call series%program%add_monomial(term%dof, term%power, series%products(i))
+        call series%program%add_monomial(term%dof, term%power, products(i))
       end associate
     end do
     known = .true.
     do i = 1, size(motions(1)%laws)
       associate (law => motions(1)%laws(i))
         call series%program%add_law(law%program, numbers_of(motions, i), law%arguments, &
-                                    law%rates, series%products(m + i), known)
+                                    law%rates, products(m + i), known)
       end associate
       if (.not. known) return
     end do
-    series%n_terms = 2*n + size(series%products) + 2*size(series%orders)
-    allocate (series%room(n_wide*series%n_terms*n + alignment_slack), source=0.0_wp)
-    series%first = first_aligned(series%room)
-    do b = 1, min(size(motions), n_blocks)
-      call furnish(motions(b), b, n, series%n_terms, series%room(series%first))
-    end do
+    series%before_loads = series%program%n_registers
+    call take_terms(series, motions, products)
+    call series%program%leave_out_unused(series%registers)
+    series%program%n_registers = series%before_loads + 2*size(series%orders)
   end subroutine new_motion_series
+
+  !> What the accelerations are sums of.
+  subroutine take_terms(series, motions, products)
+    type(motion_series), intent(inout) :: series
+    type(lane_motion_type), intent(in) :: motions(:)
+    !> Registers of monomials, then of laws.
+    integer, intent(in) :: products(:)
+    integer, allocatable :: registers(:), places(:)
+    real(wp), allocatable :: factors(:, :), plain(:, :), kept(:, :)
+    integer :: d, j, k, n
+
+    n = series%n_dof
+    allocate (series%ends(0:n), source=0)
+    allocate (series%registers(0), kept(n_wide, 0))
+    do d = 1, n
+      plain = weights_of(motions, d)
+      registers = [([j, n + j], j=1, n), (series%before_loads + j, j=1, 2*size(series%orders)), &
+                   products]
+      call series%program%take_apart(n <= most_apart, registers, places, factors)
+      do k = 1, size(registers)
+        factors(:, k) = factors(:, k)*plain(:, places(k))
+        if (all(abs(factors(:, k)) <= 0.0_wp)) cycle
+        series%registers = [series%registers, registers(k)]
+        kept = reshape([kept, factors(:, k)], [n_wide, size(series%registers)])
+      end do
+      series%ends(d) = size(series%registers)
+    end do
+    allocate (series%room(size(kept) + alignment_slack), source=0.0_wp)
+    series%first = first_aligned(series%room)
+    series%room(series%first:series%first + size(kept) - 1) = [kept]
+  end subroutine take_terms
 
   !> Numbers that law i puts on its stack, in every lane; in idle blocks those of the first.
   pure function numbers_of(motions, i) result(numbers)
@@ -91,33 +130,35 @@ contains
     end do
   end function numbers_of
 
-  !> The numbers of a block.
-  pure subroutine furnish(motion, block, n, n_terms, terms)
-    type(lane_motion_type), intent(in) :: motion
-    integer, intent(in) :: block, n, n_terms
-    real(wp), intent(inout) :: terms(n_lanes, n_blocks, n_terms, n)
-    integer :: d, j, k
+  !> In equation d the weights of stiffness and damping of each coordinate, of both parts of each
+  !! order of the load, and of products, which are known last; in every lane, 0 in idle blocks.
+  pure function weights_of(motions, d) result(weights)
+    type(lane_motion_type), intent(in) :: motions(:)
+    integer, intent(in) :: d
+    real(wp), allocatable :: weights(:, :)
+    integer :: b, first, j, k, last, n
 
-    do d = 1, n
-      do j = 1, n
-        terms(:, block, 2*j - 1, d) = -motion%stiffness(:, d, j)
-        terms(:, block, 2*j, d) = -motion%damping(:, d, j)
+    n = motions(1)%n_dof
+    associate (m => size(motions(1)%weights, 3), laws => size(motions(1)%law_weights, 3))
+      allocate (weights(n_wide, 2*n + m + laws + 2*size(motions(1)%orders)), source=0.0_wp)
+      do b = 1, size(motions)
+        first = n_lanes*(b - 1) + 1
+        last = n_lanes*b
+        do j = 1, n
+          weights(first:last, 2*j - 1) = -motions(b)%stiffness(:, d, j)
+          weights(first:last, 2*j) = -motions(b)%damping(:, d, j)
+        end do
+        k = 2*n
+        do j = 1, size(motions(b)%orders)
+          weights(first:last, k + 2*j - 1) = motions(b)%real_load(:, d, j)
+          weights(first:last, k + 2*j) = motions(b)%load(:, d, j)
+        end do
+        k = k + 2*size(motions(b)%orders)
+        weights(first:last, k + 1:k + m) = -motions(b)%weights(:, d, :)
+        weights(first:last, k + m + 1:) = -motions(b)%law_weights(:, d, :)
       end do
-      k = 2*n
-      do j = 1, size(motion%weights, 3)
-        terms(:, block, k + j, d) = -motion%weights(:, d, j)
-      end do
-      k = k + size(motion%weights, 3)
-      do j = 1, size(motion%law_weights, 3)
-        terms(:, block, k + j, d) = -motion%law_weights(:, d, j)
-      end do
-      k = k + size(motion%law_weights, 3)
-      do j = 1, size(motion%load, 3)
-        terms(:, block, k + 2*j - 1, d) = motion%real_load(:, d, j)
-        terms(:, block, k + 2*j, d) = motion%load(:, d, j)
-      end do
-    end do
-  end subroutine furnish
+    end associate
+  end function weights_of
 
   !> Coefficients 1 ... order of coordinates and velocities over a step, from those of order 0.
   pure subroutine expand(self, order, h, turning, cosine, sine, s, lost)
@@ -129,107 +170,96 @@ contains
     real(wp), intent(inout) :: s(n_wide, 0:order, self%program%n_registers)
     !> Lanes in which a force has no series.
     logical, intent(out) :: lost(n_wide)
-    !> sin and cos of each order of the load.
-    real(wp) :: loads(n_wide, 2, size(self%orders))
-    integer :: d, j, k
+    integer :: d, k, n_terms
 
     lost = .false.
-    call loads_at_start(self%orders, cosine, sine, loads)
+    call self%start_loads(order, cosine, sine, s)
     do k = 0, order - 1
       call run_series(size(self%program%steps), self%program%steps, order, k, s, lost)
       do d = 1, self%n_dof
-        call next_terms(self%n_dof, self%products, size(self%orders), order, k, d, h, &
-                        self%room(self%first + n_wide*self%n_terms*(d - 1)), loads, s)
+        n_terms = self%ends(d) - self%ends(d - 1)
+        call next_terms(self%n_dof, n_terms, self%registers(self%ends(d - 1) + 1:self%ends(d)), &
+                        order, k, d, h, self%room(self%first + n_wide*self%ends(d - 1)), s)
       end do
-      do j = 1, size(self%orders)
-        call turn_on(self%orders(j)/real(k + 1, wp), turning, loads(1, 2, j), loads(1, 1, j))
-      end do
+      if (size(self%orders) > 0) call self%turn_loads(order, k, turning, s)
     end do
   end subroutine expand
 
   !> Coefficients k + 1 of a coordinate and its velocity; blocks by turns, so that no sum waits.
-  pure subroutine next_terms(n, products, n_orders, order, k, d, h, terms, loads, s)
-    integer, intent(in) :: n, products(:), n_orders, order, k, d
-    real(wp), intent(in) :: h(n_lanes, n_blocks), terms(n_lanes, n_blocks, *)
-    real(wp), intent(in) :: loads(n_lanes, n_blocks, 2*n_orders)
+  pure subroutine next_terms(n, n_terms, registers, order, k, d, h, weights, s)
+    integer, intent(in) :: n, n_terms, registers(n_terms), order, k, d
+    real(wp), intent(in) :: h(n_lanes, n_blocks), weights(n_lanes, n_blocks, n_terms)
     real(wp), intent(inout) :: s(n_lanes, n_blocks, 0:order, *)
-    real(wp), dimension(n_lanes) :: a1, a2, a3, a4
+    real(wp), dimension(n_lanes) :: a1, a2
     real(wp) :: part
-    integer :: j, m
+    integer :: j, p
 
     part = 1.0_wp/(k + 1)
-    m = 2*n + size(products)
-    a1 = 0.0_wp
-    a2 = 0.0_wp
-    a3 = 0.0_wp
-    a4 = 0.0_wp
-    do j = 1, n
-      call add_product(a1, terms(1, 1, 2*j - 1), s(1, 1, k, j))
-      call add_product(a2, terms(1, 2, 2*j - 1), s(1, 2, k, j))
-      call add_product(a3, terms(1, 3, 2*j - 1), s(1, 3, k, j))
-      call add_product(a4, terms(1, 4, 2*j - 1), s(1, 4, k, j))
-      call add_product(a1, terms(1, 1, 2*j), s(1, 1, k, n + j))
-      call add_product(a2, terms(1, 2, 2*j), s(1, 2, k, n + j))
-      call add_product(a3, terms(1, 3, 2*j), s(1, 3, k, n + j))
-      call add_product(a4, terms(1, 4, 2*j), s(1, 4, k, n + j))
+    do p = 1, n_blocks, 2
+      a1 = 0.0_wp
+      a2 = 0.0_wp
+      do j = 1, n_terms
+        call add_product(a1, weights(1, p, j), s(1, p, k, registers(j)))
+        call add_product(a2, weights(1, p + 1, j), s(1, p + 1, k, registers(j)))
+      end do
+      call integrate(part, h(1, p), s(1, p, k, n + d), s(1, p, k + 1, d))
+      call integrate(part, h(1, p + 1), s(1, p + 1, k, n + d), s(1, p + 1, k + 1, d))
+      call integrate(part, h(1, p), a1, s(1, p, k + 1, n + d))
+      call integrate(part, h(1, p + 1), a2, s(1, p + 1, k + 1, n + d))
     end do
-    do j = 1, size(products)
-      call add_product(a1, terms(1, 1, 2*n + j), s(1, 1, k, products(j)))
-      call add_product(a2, terms(1, 2, 2*n + j), s(1, 2, k, products(j)))
-      call add_product(a3, terms(1, 3, 2*n + j), s(1, 3, k, products(j)))
-      call add_product(a4, terms(1, 4, 2*n + j), s(1, 4, k, products(j)))
-    end do
-    do j = 1, 2*n_orders
-      call add_product(a1, terms(1, 1, m + j), loads(1, 1, j))
-      call add_product(a2, terms(1, 2, m + j), loads(1, 2, j))
-      call add_product(a3, terms(1, 3, m + j), loads(1, 3, j))
-      call add_product(a4, terms(1, 4, m + j), loads(1, 4, j))
-    end do
-    call integrate(part, h(1, 1), s(1, 1, k, n + d), s(1, 1, k + 1, d))
-    call integrate(part, h(1, 2), s(1, 2, k, n + d), s(1, 2, k + 1, d))
-    call integrate(part, h(1, 3), s(1, 3, k, n + d), s(1, 3, k + 1, d))
-    call integrate(part, h(1, 4), s(1, 4, k, n + d), s(1, 4, k + 1, d))
-    call integrate(part, h(1, 1), a1, s(1, 1, k + 1, n + d))
-    call integrate(part, h(1, 2), a2, s(1, 2, k + 1, n + d))
-    call integrate(part, h(1, 3), a3, s(1, 3, k + 1, n + d))
-    call integrate(part, h(1, 4), a4, s(1, 4, k + 1, n + d))
   end subroutine next_terms
 
   !> sin and cos of each order at the start, by rotation.
-  pure subroutine loads_at_start(orders, cosine, sine, loads)
-    integer, intent(in) :: orders(:)
+  pure subroutine start_loads(self, order, cosine, sine, s)
+    class(motion_series), intent(in) :: self
+    integer, intent(in) :: order
     real(wp), intent(in), dimension(n_wide) :: cosine, sine
-    real(wp), intent(out) :: loads(n_wide, 2, size(orders))
+    real(wp), intent(inout) :: s(n_wide, 0:order, *)
     real(wp), dimension(n_wide) :: now, other, before
-    integer :: j, order
+    integer :: j, turns
 
-    order = 0
+    turns = 0
     now = 1.0_wp
     other = 0.0_wp
-    do j = 1, size(orders)
-      do while (order < orders(j))
+    do j = 1, size(self%orders)
+      do while (turns < self%orders(j))
         before = now
         now = before*cosine - other*sine
         other = other*cosine + before*sine
-        order = order + 1
+        turns = turns + 1
       end do
-      loads(:, 1, j) = other
-      loads(:, 2, j) = now
+      s(:, 0, self%before_loads + 2*j - 1) = other
+      s(:, 0, self%before_loads + 2*j) = now
     end do
-  end subroutine loads_at_start
+  end subroutine start_loads
 
-  !> The next coefficients of cos and sin.
-  pure subroutine turn_on(part, turning, c, s)
-    real(wp), intent(in) :: part, turning(n_wide)
-    real(wp), intent(inout) :: c(n_wide), s(n_wide)
-    real(wp) :: by, before
+  !> Their coefficients k + 1.
+  pure subroutine turn_loads(self, order, k, turning, s)
+    class(motion_series), intent(in) :: self
+    integer, intent(in) :: order, k
+    real(wp), intent(in) :: turning(n_wide)
+    real(wp), intent(inout) :: s(n_wide, 0:order, *)
+    integer :: j
+    do j = 1, size(self%orders)
+      associate (sine => self%before_loads + 2*j - 1, cosine => self%before_loads + 2*j)
+        call turn_on(self%orders(j)/real(k + 1, wp), turning, s(1, k, sine), s(1, k, cosine), &
+                     s(1, k + 1, sine), s(1, k + 1, cosine))
+      end associate
+    end do
+  end subroutine turn_loads
+
+  !> The next coefficients of a sine and a cosine.
+  pure subroutine turn_on(part, turning, sine, cosine, next_sine, next_cosine)
+    real(wp), intent(in) :: part
+    real(wp), intent(in), dimension(n_wide) :: turning, sine, cosine
+    real(wp), intent(out), dimension(n_wide) :: next_sine, next_cosine
+    real(wp) :: by
     integer :: l
     !GCC$ unroll 1
     do l = 1, n_wide
       by = part*turning(l)
-      before = c(l)
-      c(l) = -by*s(l)
-      s(l) = by*before
+      next_sine(l) = by*cosine(l)
+      next_cosine(l) = -by*sine(l)
     end do
   end subroutine turn_on
 

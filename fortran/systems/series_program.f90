@@ -15,8 +15,8 @@ module viscovib_series_program
 
   public :: series_program
 
-  !> Largest powers made by products.
-  integer, parameter :: highest_power = 32
+  !> Largest powers made by products; parts that sums are taken apart into.
+  integer, parameter :: highest_power = 32, most_parts = 64
   real(wp), parameter :: half_pi = 1.57079632679489661923_wp, no_number(n_wide) = 0.0_wp
 
   type :: series_program
@@ -25,6 +25,9 @@ module viscovib_series_program
   contains
     procedure :: add_law
     procedure :: add_monomial
+    procedure :: take_apart
+    procedure :: leave_out_unused
+    procedure, private :: maker_of
     procedure, private :: register_of
     procedure, private :: apply
     procedure, private :: combine
@@ -110,6 +113,84 @@ contains
     end do
     result = self%register_of(value)
   end subroutine add_monomial
+
+  !> Registers that are sums and multiples of others, taken apart into these as far as it goes.
+  !! Nothing is gathered, so that what each lane sums does not depend on numbers of others, which
+  !! steps are the same in all.
+  subroutine take_apart(self, sums, registers, places, factors)
+    class(series_program), intent(in) :: self
+    !> Whether sums are; else multiples alone.
+    logical, intent(in) :: sums
+    !> In return what they are sums of, which stands for which of the given ones, and by what it is
+    !! multiplied, in every lane.
+    integer, allocatable, intent(inout) :: registers(:)
+    integer, allocatable, intent(out) :: places(:)
+    real(wp), allocatable, intent(out) :: factors(:, :)
+    real(wp) :: one(n_wide)
+    integer :: i, j
+
+    places = [(j, j=1, size(registers))]
+    allocate (factors(n_wide, size(registers)), source=1.0_wp)
+    one = 1.0_wp
+    j = 1
+    do while (j <= size(registers))
+      i = self%maker_of(registers(j))
+      if (i == 0 .or. size(registers) > most_parts) then
+        j = j + 1
+        cycle
+      end if
+      associate (step => self%steps(i))
+        select case (step%code)
+        case (scale_up)
+          registers(j) = step%a
+          factors(:, j) = factors(:, j)*step%number
+        case (add_up, take_off)
+          if (.not. sums) then
+            j = j + 1
+            cycle
+          end if
+          if (step%code == take_off) one = -1.0_wp
+          registers = [registers(:j - 1), step%a, step%b, registers(j + 1:)]
+          places = [places(:j), places(j), places(j + 1:)]
+          factors = reshape([factors(:, :j), one*factors(:, j), factors(:, j + 1:)], &
+                            [n_wide, size(registers)])
+          one = 1.0_wp
+        case default
+          j = j + 1
+        end select
+      end associate
+    end do
+  end subroutine take_apart
+
+  !> The step whose value a register is; 0: none, it is of the motion or something else of a step.
+  pure integer function maker_of(self, register)
+    class(series_program), intent(in) :: self
+    integer, intent(in) :: register
+    do maker_of = size(self%steps), 1, -1
+      if (self%steps(maker_of)%to == register) return
+    end do
+  end function maker_of
+
+  !> Leave out steps whose values neither are wanted nor lead to some that are.
+  subroutine leave_out_unused(self, registers)
+    class(series_program), intent(inout) :: self
+    !> What is wanted, beside registers that are not of the program.
+    integer, intent(in) :: registers(:)
+    logical :: wanted(0:self%n_registers), used(size(self%steps))
+    integer :: i, next
+
+    wanted = .false.
+    wanted(pack(registers, registers <= self%n_registers)) = .true.
+    next = self%n_registers + 1
+    do i = size(self%steps), 1, -1
+      associate (step => self%steps(i))
+        used(i) = any(wanted(step%to:next - 1))
+        if (used(i)) wanted([step%a, step%b]) = .true.
+        next = step%to
+      end associate
+    end do
+    self%steps = pack(self%steps, used)
+  end subroutine leave_out_unused
 
   !> A step of a program, once: its register.
   type(item_type) function put(self, code, a, b, number) result(item)

@@ -10,7 +10,8 @@ module viscovib_series_terms
   use viscovib_lanes, only: n_lanes
   use viscovib_law_functions, only: of_one, steepest
   use viscovib_vector_math, only: exponential_lanes, largest_angle, sine_cosine_lanes, tangent_lanes
-  use viscovib_wide_series, only: largest, n_wide, product_term, product_terms, square_term
+  use viscovib_wide_series, only: largest, n_wide, next_product, next_products, next_square, &
+    product_term, square_term
   implicit none
   private
 
@@ -56,9 +57,9 @@ contains
         case (take_off)
           call put_sum(-1.0_wp, s(1, k, a), s(1, k, b), s(1, k, to))
         case (product_of)
-          call product_term(k, 1.0_wp, s(1, 0, a), s(1, 0, b), s(1, k, to))
+          call next_product(k, 1.0_wp, s(1, 0, a), s(1, 0, b), s(1, k, to))
         case (square_of)
-          call square_term(k, 1.0_wp, s(1, 0, a), s(1, k, to))
+          call next_square(k, 1.0_wp, s(1, 0, a), s(1, k, to))
         case default
           if (k == 0) then
             call begin_function(steps(i), order, s(1, 0, a), s(1, 0, max(b, 1)), s(1, 0, to), lost)
@@ -114,6 +115,8 @@ contains
       end if
       y(:, 0, 2) = 1.0_wp + step%number(1)*y(:, 0, 1)**2
       if (step%number(1) < 0.0_wp) y(:, 0, 2) = (1.0_wp - y(:, 0, 1))*(1.0_wp + y(:, 0, 1))
+      ! What the square brings of the next.
+      y(:, 1, 2) = 0.0_wp
     case default
       call sines(a, y(1, 0, 1), y(1, 0, 2))
     end select
@@ -177,14 +180,14 @@ contains
       y(:, k, 1) = part*y(:, k - 1, 2)
     case (grow)
       call put_times(k, a(1, k), y(1, k - 1, 2))
-      call product_term(k - 1, part, y(1, 0, 2), y, y(1, k, 1))
+      call next_product(k - 1, part, y(1, 0, 2), y, y(1, k, 1))
     case (bend)
       call put_times(k, a(1, k), y(1, k - 1, 3))
-      call product_term(k - 1, part, y(1, 0, 3), y(1, 0, 2), y(1, k, 1))
-      call square_term(k, sign_of, y, y(1, k, 2))
+      call next_product(k - 1, part, y(1, 0, 3), y(1, 0, 2), y(1, k, 1))
+      call next_square(k, sign_of, y, y(1, k, 2))
     case default
       call put_times(k, a(1, k), y(1, k - 1, 3))
-      call product_terms(k - 1, part, merge(-part, part, code == turn), y(1, 0, 3), y(1, 0, 2), y, &
+      call next_products(k - 1, part, merge(-part, part, code == turn), y(1, 0, 3), y(1, 0, 2), y, &
                          y(1, k, 1), y(1, k, 2))
     end select
   end subroutine go_on

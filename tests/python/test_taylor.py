@@ -124,6 +124,20 @@ def test_neighbours_and_threads_do_not_matter():
         assert alone.t_reached[0] == together.t_reached[i]
 
 
+def test_numbers_of_neighbours_do_not_matter_to_sums():
+    """Two numbers that are the same in some runs do not change what any run sums."""
+    law = "a*tanh(x_dot) - 0.2 + 3*(b*tanh(x_dot) - c*x^2) - (c*sin(x) + sin(x) - x^2*x_dot)"
+    numbers = {"a": [0.3, 0.1, 0.2], "b": [0.3, 0.2, 0.1], "c": [0.1, 1.0, 0.3]}
+    given = {"method": "taylor20", "t_end": 12, "dt": 0.3, "initial": [0.4, 0.1]}
+    text = {"mass": 1.3, "stiffness": 1.7, "damping": 0.11, "forces": law}
+    plain = vv.PolynomialSystem(**text, parameters={"a": 0.3, "b": 0.3, "c": 0.1})
+    together = vv.simulate_ensemble(plain, **given, parameters=numbers)
+    for i in range(3):
+        own = {name: values[i] for name, values in numbers.items()}
+        alone = vv.simulate_ensemble(vv.PolynomialSystem(**text, parameters=own), **given)
+        np.testing.assert_array_equal(alone.state[0], together.state[i])
+
+
 def test_what_is_gathered_is_that_of_other_methods():
     asked = {
         "statistics": True, "amplitudes_at": [NU, 2 * NU], "sections": 1, "n_periods": 6,
