@@ -8,8 +8,8 @@ module viscovib_flight
   use viscovib_kinds, only: i8, wp
   use viscovib_lane_lines, only: lines_type, new_lines
   use viscovib_lane_moments, only: moments_type, new_moments
+  use viscovib_lane_watch, only: lane_watch
   use viscovib_lanes, only: max_dof, n_lanes
-  use viscovib_layer_watch, only: layer_watch
   use viscovib_run_history, only: run_history
   use viscovib_stops, only: find_stop, least_between, needs_small_steps, run_coarse, &
     run_completed, stop_type
@@ -77,28 +77,10 @@ module viscovib_flight
     logical :: alive(n_lanes) = .true.
     !> States before, times in steps.
     type(run_history) :: past
-    type(layer_watch) :: layers(n_lanes)
+    type(lane_watch) :: layers
   end type flight_type
 
 contains
-
-  !> Which lanes may have missed a thin layer of a force until step i.
-  subroutine watch_layers(f, motion, block, i, last)
-    type(flight_type), intent(inout) :: f
-    class(differentiable_system_type), intent(in) :: motion
-    type(ensemble_block), intent(inout) :: block
-    integer(i8), intent(in) :: i
-    logical, intent(in) :: last
-    real(wp) :: t
-    integer :: l
-
-    do l = 1, n_lanes
-      if (.not. f%alive(l) .or. block%missed(l)) cycle
-      t = real(i, wp)*block%h(l)
-      call f%layers(l)%see(motion, t, f%q(l, :f%n), f%v(l, :f%n), block%missed(l))
-      if (last .and. .not. block%missed(l)) block%missed(l) = f%layers(l)%look(motion)
-    end do
-  end subroutine watch_layers
 
   !> Everything as it is at time 0.
   subroutine take_off(f, job, system, motion, block)
@@ -108,7 +90,7 @@ contains
     class(differentiable_system_type), intent(in) :: motion
     type(ensemble_block), intent(in) :: block
     integer(i8) :: n_samples
-    integer :: l, n
+    integer :: n
     n = motion%n_dof
     f%n = n
     allocate (f%q(n_lanes, system%n_dof), f%v(n_lanes, system%n_dof), source=0.0_wp)
@@ -133,9 +115,7 @@ contains
                    block%h*real(job%n_discard + job%sample_every, wp), &
                    block%h*real(job%sample_every, wp), n_samples)
     call measure_margin(f, system, block%h)
-    do l = 1, n_lanes
-      call f%layers(l)%begin(motion, 0.0_wp, f%q(l, :n), f%v(l, :n), f%together, l)
-    end do
+    call f%layers%begin(motion, f%q, f%v, f%together)
   end subroutine take_off
 
   !> Take in for peaks and means what counts of step i, which ends here; of one before them its
@@ -202,7 +182,10 @@ contains
     logical, intent(in) :: made(n_lanes)
 
     call find_stops(f, job, system, motion, block, i, made)
-    if (f%layers(1)%on) call watch_layers(f, motion, block, i, i == job%n_steps)
+    if (f%layers%on) then
+      call f%layers%see(motion, real(i, wp), block%h, f%q, f%v, f%alive, block%missed)
+      if (i == job%n_steps) call f%layers%look(motion, block%h, f%alive, block%missed)
+    end if
     if (job%moments) call gather(f, system, job, i)
     if (system%n_dof > f%n .and. (mod(i, int(rescaling, i8)) == 0 .or. i == job%n_discard &
                                   .or. i == job%n_steps)) call rescale(f, i <= job%n_discard)
@@ -232,8 +215,8 @@ contains
 
     margin_before = f%margin
     rate_before = f%rate
-    good = made .and. sum(abs(f%q(:, :f%n)), 2)/system%range%coordinate &
-           + sum(abs(f%v(:, :f%n)), 2)/system%range%speed <= 1.0_wp
+    good = made .and. size_in_range(f%n, f%q, f%v, system%range%coordinate, system%range%speed) &
+           <= 1.0_wp
     doubtful = f%alive .and. .not. good
     ! Equations that hold everywhere have a margin that does not change.
     if (system%limited) then
@@ -251,6 +234,25 @@ contains
       if (doubtful(l)) call judge_lane(f, job, system, motion, block, i, l, good(l))
     end do
   end subroutine find_stops
+
+  !> The size of motions as a part of the largest.
+  pure function size_in_range(n, q, v, coordinate, speed) result(part)
+    integer, intent(in) :: n
+    real(wp), intent(in) :: q(n_lanes, n), v(n_lanes, n), coordinate, speed
+    real(wp) :: part(n_lanes), rates(n_lanes)
+    integer :: d, l
+
+    part = 0.0_wp
+    rates = 0.0_wp
+    do d = 1, n
+      !GCC$ unroll 1
+      do l = 1, n_lanes
+        part(l) = part(l) + abs(q(l, d))
+        rates(l) = rates(l) + abs(v(l, d))
+      end do
+    end do
+    part = part/coordinate + rates/speed
+  end function size_in_range
 
   !> Margin of the physics in every lane, and its change in a step.
   subroutine measure_margin(f, system, h)

@@ -4,7 +4,8 @@
 !! of the steps. A layer counts as unseen where what a function depends on goes so far from one end
 !! to the next that no node of the step needs to lie in the layer.
 !!
-!! Runs without memory look with `see` and begin anew in parts; others `follow` their steps to
+!! Runs without memory look with `see` and begin anew in parts (those side by side by
+!! `viscovib_lane_watch`); others `follow` their steps to
 !! the end, and tell how much shorter the steps would have to be.
 module viscovib_layer_watch
   use viscovib_driven_system, only: driven_system_type
@@ -18,18 +19,9 @@ module viscovib_layer_watch
   public :: layer_watch
 
   !> States looked at together; two are shared with those before.
-  integer, parameter :: n_states = 64, n_shared = 2
-  !> What counts as unseen by a power series: its terms tell of a layer ahead, which keeps it from
-  !! converging within the step, until rounding hides them, as it does those of tanh from about 18
-  !! of its widths on; these are 7 within three steps.
-  real(wp), parameter :: unseen_by_series = 5.0_wp
-
+  integer, parameter, public :: n_states = 64, n_shared = 2
   type :: layer_watch
     logical :: on = .false.
-    !> How many times as far as a polynomial follows an operand may go in a step.
-    real(wp), private :: most = unseen
-    !> The lane of a run side by side with others; 0: it is none.
-    integer, private :: lane = 0
     integer, private :: n = 0
     real(wp), allocatable, private :: t(:), q(:, :), v(:, :)
     !> Of runs that are followed.
@@ -51,15 +43,10 @@ module viscovib_layer_watch
 contains
 
   !> Before the first step.
-  subroutine begin(self, system, t, q, v, by_series, lane)
+  subroutine begin(self, system, t, q, v)
     class(layer_watch), intent(inout) :: self
     class(driven_system_type), intent(in) :: system
     real(wp), intent(in) :: t, q(:), v(:)
-    !> Whether steps are made by power series, which look at forces at one place.
-    logical, intent(in), optional :: by_series
-    integer, intent(in), optional :: lane
-    if (present(lane)) self%lane = lane
-    if (present(by_series)) self%most = merge(unseen_by_series, unseen, by_series)
     ! Steps that are made in parts see for themselves.
     self%on = system%layers%exist() .and. .not. (system%in_parts .or. allocated(system%signals))
     if (.not. self%on) return
@@ -87,22 +74,10 @@ contains
     class(driven_system_type), intent(in) :: system
     look = .false.
     if (.not. self%on .or. self%n < 2) return
-    if (self%lane > 0 .and. allocated(system%lane_layers)) then
-      look = goes_beyond(system%lane_layers(self%lane))
-    else
-      look = goes_beyond(system%layers)
-    end if
-
-  contains
-
-    logical function goes_beyond(layers)
-      type(law_layers), intent(in) :: layers
-      associate (n => self%n)
-        goes_beyond = layers%thinness_at(self%t(:n), self%t(:n), self%q(:n, :), self%v(:n, :), &
-                                         .true., self%most) > self%most
-      end associate
-    end function goes_beyond
-
+    associate (n => self%n)
+      look = system%layers%thinness_at(self%t(:n), self%t(:n), self%q(:n, :), self%v(:n, :), &
+                                       .true.) > unseen
+    end associate
   end function look
 
   !> Before the first step of a run with memory, or of a structure.
