@@ -41,7 +41,10 @@ _DIVERGED, _COARSE = OUTCOMES.index("diverged"), OUTCOMES.index("step too large"
 _MAX_STEPS = 10**12
 #: Trajectories a native call takes at most: how often progress shows.
 _MAX_PIECE = 1024
-#: The same where they go one after another, each for itself.
+#: Steps of all runs up to which a call by one thread is made at once, without another that waits
+#: for Ctrl-C: a tenth of a second.
+_SHORT = 2 * 10**5
+#: The most trajectories where they go one after another, each for itself.
 _MAX_SINGLE = 32
 #: How many times the first steps, four in the fastest period, those of samples are at least.
 _SAMPLED = 8
@@ -425,30 +428,15 @@ class _Job:
     def run(self, n_steps: int, progress: bool) -> _Raw:
         """Make all runs with so many steps."""
         n = self.members.n
-        share = math.ceil(n / (4 * self.threads) / self.lanes) * self.lanes
-        piece = min(max(share, self.lanes), _MAX_PIECE)
-        if not self.members.side_by_side:
-            piece = max(1, min(n // (8 * self.threads), _MAX_SINGLE))
+        piece = self._piece_size(progress)
         cancel = np.zeros(1, dtype=np.intc)
-        pool = ThreadPoolExecutor(self.threads)
-        parts: dict[int, tuple[Any, ...]] = {}
-        try:
-            futures = {
-                pool.submit(self._piece, slice(i, min(i + piece, n)), n_steps, cancel): i
-                for i in range(0, n, piece)
-            }
-            with progress_bar(n, "runs", progress) as bar:
-                for future in as_completed(futures):
-                    parts[futures[future]] = future.result()
-                    bar.update(parts[futures[future]][0].shape[1])
-        finally:
-            # Left early, by Ctrl-C or an error, the threads are told to stop.
-            cancel[0] = 1
-            pool.shutdown(cancel_futures=True)
-        whole = [
-            np.concatenate(pieces, axis=-1)
-            for pieces in zip(*(parts[i] for i in sorted(parts)), strict=True)
-        ]
+        slices = [slice(i, min(i + piece, n)) for i in range(0, n, piece)]
+        work = n * n_steps * (1 + self.exponents)
+        if len(slices) == 1 and self.members.side_by_side and work <= _SHORT:
+            parts = [self._piece(slices[0], n_steps, cancel)]
+        else:
+            parts = self._in_threads(slices, n_steps, cancel, progress)
+        whole = [np.concatenate(pieces, axis=-1) for pieces in zip(*parts, strict=True)]
         state, ended, reached, peak, mean, rms, amplitudes, sections, lyapunov = whole
         return _Raw(
             state=np.ascontiguousarray(state.T),
@@ -461,6 +449,32 @@ class _Job:
             sections=sections.T if self.length.periods is not None else None,
             lyapunov=lyapunov.T if self.exponents else None,
         )
+
+    def _piece_size(self, progress: bool) -> int:
+        """How many runs a native call takes."""
+        n = self.members.n
+        if not self.members.side_by_side:
+            return max(1, min(n // (8 * self.threads), _MAX_SINGLE))
+        if self.threads == 1 and not progress:
+            return _MAX_PIECE
+        share = math.ceil(n / (4 * self.threads) / self.lanes) * self.lanes
+        return min(max(share, self.lanes), _MAX_PIECE)
+
+    def _in_threads(
+        self, slices: list[slice], n_steps: int, cancel: npt.NDArray[np.intc], progress: bool
+    ) -> list[tuple[Any, ...]]:
+        """Make the runs of each slice; Ctrl-C is heard."""
+        pool = ThreadPoolExecutor(self.threads)
+        try:
+            futures = [pool.submit(self._piece, part, n_steps, cancel) for part in slices]
+            with progress_bar(self.members.n, "runs", progress) as bar:
+                for future in as_completed(futures):
+                    bar.update(future.result()[0].shape[1])
+            return [future.result() for future in futures]
+        finally:
+            # Left early, by Ctrl-C or an error, the threads are told to stop.
+            cancel[0] = 1
+            pool.shutdown(cancel_futures=True)
 
     def _piece(self, part: slice, n_steps: int, cancel: npt.NDArray[np.intc]) -> tuple[Any, ...]:
         n = part.stop - part.start
