@@ -9,6 +9,7 @@
 !!   c_(n+1) = a_0 b_(n+1) + [sum_(j=1)^n a_j b_(n+1-j)] + a_(n+1) b_0,
 !!
 !! whose factors are read anyway: it waits in the place of c_(n+1), which an odd coefficient ends.
+!! What two products need is read one turn of the loop ahead: else gfortran 12 reads it for each.
 module viscovib_wide_series
   use viscovib_kinds, only: wp
   use viscovib_lanes, only: n_lanes
@@ -77,27 +78,29 @@ contains
     real(wp), intent(in) :: a(n_lanes, n_blocks, 0:n), b(n_lanes, n_blocks, 0:n)
     !> This and, if n is even, part of the next.
     real(wp), intent(inout) :: term(n_lanes, n_blocks, *)
-    real(wp), dimension(n_lanes) :: s1, s2, t1, t2, before1, before2
+    real(wp), dimension(n_lanes) :: s1, s2, t1, t2, before1, before2, x1, x2
     integer :: j, p
 
     if (mod(n, 2) == 1) then
       do p = 1, n_blocks
         call end_product(c, a(1, p, 0), a(1, p, n), b(1, p, 0), b(1, p, n), term(1, p, 1))
       end do
-      return
-    end if
-    do p = 1, n_blocks, 2
-      call begin_product(a(1, p, 0), b(1, p, n), s1, t1, before1)
-      call begin_product(a(1, p + 1, 0), b(1, p + 1, n), s2, t2, before2)
-      do j = 1, n
-        call add_two(s1, t1, before1, a(1, p, j), b(1, p, n - j))
-        call add_two(s2, t2, before2, a(1, p + 1, j), b(1, p + 1, n - j))
+    else if (n == 0) then
+      do p = 1, n_blocks
+        call first_product(c, a(1, p, 0), b(1, p, 0), term(1, p, 1), term(1, p, 2))
       end do
-      call put(c, s1, term(1, p, 1))
-      call put(c, s2, term(1, p + 1, 1))
-      call keep(t1, term(1, p, 2))
-      call keep(t2, term(1, p + 1, 2))
-    end do
+    else
+      do p = 1, n_blocks, 2
+        call begin_product(a(1, p, 0), b(1, p, n), a(1, p, 1), s1, t1, before1, x1)
+        call begin_product(a(1, p + 1, 0), b(1, p + 1, n), a(1, p + 1, 1), s2, t2, before2, x2)
+        do j = 1, n - 1
+          call add_two(s1, t1, before1, x1, b(1, p, n - j), a(1, p, j + 1))
+          call add_two(s2, t2, before2, x2, b(1, p + 1, n - j), a(1, p + 1, j + 1))
+        end do
+        call put_two(c, s1, t1, before1, x1, b(1, p, 0), term(1, p, 1), term(1, p, 2))
+        call put_two(c, s2, t2, before2, x2, b(1, p + 1, 0), term(1, p + 1, 1), term(1, p + 1, 2))
+      end do
+    end if
   end subroutine next_product
 
   !> The same of a x, by c, and of a y, by d.
@@ -106,37 +109,39 @@ contains
     real(wp), intent(in) :: c, d
     real(wp), intent(in), dimension(n_lanes, n_blocks, 0:n) :: a, x, y
     real(wp), intent(inout), dimension(n_lanes, n_blocks, *) :: term, other
-    real(wp), dimension(n_lanes) :: s1, s2, s3, s4, t1, t2, t3, t4
+    real(wp), dimension(n_lanes) :: s1, s2, s3, s4, t1, t2, t3, t4, x1, x2
     real(wp), dimension(n_lanes) :: before1, before2, before3, before4
-    integer :: j, p
+    integer :: j, p, q
 
     if (mod(n, 2) == 1) then
       do p = 1, n_blocks
         call end_product(c, a(1, p, 0), a(1, p, n), x(1, p, 0), x(1, p, n), term(1, p, 1))
         call end_product(d, a(1, p, 0), a(1, p, n), y(1, p, 0), y(1, p, n), other(1, p, 1))
       end do
-      return
-    end if
-    do p = 1, n_blocks, 2
-      call begin_product(a(1, p, 0), x(1, p, n), s1, t1, before1)
-      call begin_product(a(1, p, 0), y(1, p, n), s2, t2, before2)
-      call begin_product(a(1, p + 1, 0), x(1, p + 1, n), s3, t3, before3)
-      call begin_product(a(1, p + 1, 0), y(1, p + 1, n), s4, t4, before4)
-      do j = 1, n
-        call add_two(s1, t1, before1, a(1, p, j), x(1, p, n - j))
-        call add_two(s2, t2, before2, a(1, p, j), y(1, p, n - j))
-        call add_two(s3, t3, before3, a(1, p + 1, j), x(1, p + 1, n - j))
-        call add_two(s4, t4, before4, a(1, p + 1, j), y(1, p + 1, n - j))
+    else if (n == 0) then
+      do p = 1, n_blocks
+        call first_product(c, a(1, p, 0), x(1, p, 0), term(1, p, 1), term(1, p, 2))
+        call first_product(d, a(1, p, 0), y(1, p, 0), other(1, p, 1), other(1, p, 2))
       end do
-      call put(c, s1, term(1, p, 1))
-      call put(d, s2, other(1, p, 1))
-      call put(c, s3, term(1, p + 1, 1))
-      call put(d, s4, other(1, p + 1, 1))
-      call keep(t1, term(1, p, 2))
-      call keep(t2, other(1, p, 2))
-      call keep(t3, term(1, p + 1, 2))
-      call keep(t4, other(1, p + 1, 2))
-    end do
+    else
+      do p = 1, n_blocks, 2
+        q = p + 1
+        call begin_product(a(1, p, 0), x(1, p, n), a(1, p, 1), s1, t1, before1, x1)
+        call begin_product(a(1, p, 0), y(1, p, n), a(1, p, 1), s2, t2, before2, x1)
+        call begin_product(a(1, q, 0), x(1, q, n), a(1, q, 1), s3, t3, before3, x2)
+        call begin_product(a(1, q, 0), y(1, q, n), a(1, q, 1), s4, t4, before4, x2)
+        do j = 1, n - 1
+          call add_four(s1, t1, before1, s2, t2, before2, x1, x(1, p, n - j), y(1, p, n - j), &
+                        a(1, p, j + 1))
+          call add_four(s3, t3, before3, s4, t4, before4, x2, x(1, q, n - j), y(1, q, n - j), &
+                        a(1, q, j + 1))
+        end do
+        call put_two(c, s1, t1, before1, x1, x(1, p, 0), term(1, p, 1), term(1, p, 2))
+        call put_two(d, s2, t2, before2, x1, y(1, p, 0), other(1, p, 1), other(1, p, 2))
+        call put_two(c, s3, t3, before3, x2, x(1, q, 0), term(1, q, 1), term(1, q, 2))
+        call put_two(d, s4, t4, before4, x2, y(1, q, 0), other(1, q, 1), other(1, q, 2))
+      end do
+    end if
   end subroutine next_products
 
   !> The same of a square.
@@ -145,84 +150,130 @@ contains
     real(wp), intent(in) :: c
     real(wp), intent(in) :: a(n_lanes, n_blocks, 0:n)
     real(wp), intent(inout) :: term(n_lanes, n_blocks, *)
-    real(wp), dimension(n_lanes) :: s1, s2, t1, t2, before1, before2
+    real(wp), dimension(n_lanes) :: s1, s2, t1, t2, before1, before2, y1, y2
     integer :: j, p
 
     if (mod(n, 2) == 1) then
       do p = 1, n_blocks
         call end_square(c, a(1, p, 0), a(1, p, n), term(1, p, 1))
       end do
-      return
-    end if
-    do p = 1, n_blocks, 2
-      call begin_square(a(1, p, 0), s1, t1, before1)
-      call begin_square(a(1, p + 1, 0), s2, t2, before2)
-      do j = 1, n/2
-        call add_two_before(s1, t1, before1, a(1, p, j), a(1, p, n + 1 - j))
-        call add_two_before(s2, t2, before2, a(1, p + 1, j), a(1, p + 1, n + 1 - j))
+    else if (n == 0) then
+      do p = 1, n_blocks
+        call first_product(c, a(1, p, 0), a(1, p, 0), term(1, p, 1), term(1, p, 2))
       end do
-      call put_square(c, s1, before1, term(1, p, 1))
-      call put_square(c, s2, before2, term(1, p + 1, 1))
-      call keep(t1, term(1, p, 2))
-      call keep(t2, term(1, p + 1, 2))
-    end do
+    else
+      do p = 1, n_blocks, 2
+        call begin_square(a(1, p, 0), a(1, p, n), s1, t1, before1, y1)
+        call begin_square(a(1, p + 1, 0), a(1, p + 1, n), s2, t2, before2, y2)
+        do j = 1, n/2
+          call add_two_before(s1, t1, before1, y1, a(1, p, j), a(1, p, n - j))
+          call add_two_before(s2, t2, before2, y2, a(1, p + 1, j), a(1, p + 1, n - j))
+        end do
+        call put_square(c, s1, before1, term(1, p, 1))
+        call put_square(c, s2, before2, term(1, p + 1, 1))
+        call keep(t1, term(1, p, 2))
+        call keep(t2, term(1, p + 1, 2))
+      end do
+    end if
   end subroutine next_square
 
-  !> The first product of an even coefficient; nothing yet of the next.
-  pure subroutine begin_product(x, y, total, next, before)
+  !> The coefficient of order 0, which brings nothing of the next.
+  pure subroutine first_product(c, x, y, term, next)
+    real(wp), intent(in) :: c
     real(wp), intent(in), dimension(n_lanes) :: x, y
-    real(wp), intent(out), dimension(n_lanes) :: total, next, before
+    real(wp), intent(out), dimension(n_lanes) :: term, next
+    integer :: l
+    !GCC$ unroll 1
+    do l = 1, n_lanes
+      term(l) = min(max(c*(x(l)*y(l)), -largest), largest)
+      next(l) = 0.0_wp
+    end do
+  end subroutine first_product
+
+  !> The first product of an even coefficient; nothing yet of the next; the x that follows.
+  pure subroutine begin_product(x, y, following, total, next, before, ahead)
+    real(wp), intent(in), dimension(n_lanes) :: x, y, following
+    real(wp), intent(out), dimension(n_lanes) :: total, next, before, ahead
     integer :: l
     !GCC$ unroll 1
     do l = 1, n_lanes
       total(l) = x(l)*y(l)
       next(l) = 0.0_wp
       before(l) = y(l)
+      ahead(l) = following(l)
     end do
   end subroutine begin_product
 
-  !> x y, and x times the y before, which is of the next coefficient.
-  pure subroutine add_two(total, next, before, x, y)
-    real(wp), intent(inout), dimension(n_lanes) :: total, next, before
-    real(wp), intent(in), dimension(n_lanes) :: x, y
-    real(wp) :: first, second
+  !> x y, and x times the y before, which is of the next coefficient; the x that follows.
+  pure subroutine add_two(total, next, before, x, y, following)
+    real(wp), intent(inout), dimension(n_lanes) :: total, next, before, x
+    real(wp), intent(in), dimension(n_lanes) :: y, following
     integer :: l
     !GCC$ unroll 1
     do l = 1, n_lanes
-      first = x(l)
-      second = y(l)
-      next(l) = next(l) + first*before(l)
-      total(l) = total(l) + first*second
-      before(l) = second
+      next(l) = next(l) + x(l)*before(l)
+      before(l) = y(l)
+      total(l) = total(l) + x(l)*before(l)
+      x(l) = following(l)
     end do
   end subroutine add_two
 
-  !> No product of an even coefficient of a square yet.
-  pure subroutine begin_square(x, total, next, before)
-    real(wp), intent(in) :: x(n_lanes)
-    real(wp), intent(out), dimension(n_lanes) :: total, next, before
+  !> The same of y and of another.
+  pure subroutine add_four(total, next, before, other, other_next, other_before, x, y, z, following)
+    real(wp), intent(inout), dimension(n_lanes) :: total, next, before, x
+    real(wp), intent(inout), dimension(n_lanes) :: other, other_next, other_before
+    real(wp), intent(in), dimension(n_lanes) :: y, z, following
+    integer :: l
+    !GCC$ unroll 1
+    do l = 1, n_lanes
+      next(l) = next(l) + x(l)*before(l)
+      other_next(l) = other_next(l) + x(l)*other_before(l)
+      before(l) = y(l)
+      other_before(l) = z(l)
+      total(l) = total(l) + x(l)*before(l)
+      other(l) = other(l) + x(l)*other_before(l)
+      x(l) = following(l)
+    end do
+  end subroutine add_four
+
+  !> The last products of `add_two`, and both coefficients.
+  pure subroutine put_two(c, total, next, before, x, y, term, next_term)
+    real(wp), intent(in) :: c
+    real(wp), intent(in), dimension(n_lanes) :: total, next, before, x, y
+    real(wp), intent(out), dimension(n_lanes) :: term, next_term
+    integer :: l
+    !GCC$ unroll 1
+    do l = 1, n_lanes
+      term(l) = min(max(c*(total(l) + x(l)*y(l)), -largest), largest)
+      next_term(l) = next(l) + x(l)*before(l)
+    end do
+  end subroutine put_two
+
+  !> No product of an even coefficient of a square yet; its first factors.
+  pure subroutine begin_square(x, y, total, next, before, ahead)
+    real(wp), intent(in), dimension(n_lanes) :: x, y
+    real(wp), intent(out), dimension(n_lanes) :: total, next, before, ahead
     integer :: l
     !GCC$ unroll 1
     do l = 1, n_lanes
       total(l) = 0.0_wp
       next(l) = 0.0_wp
       before(l) = x(l)
+      ahead(l) = y(l)
     end do
   end subroutine begin_square
 
-  !> The x before times y, and x y, which is of the next coefficient.
-  pure subroutine add_two_before(total, next, before, x, y)
-    real(wp), intent(inout), dimension(n_lanes) :: total, next, before
-    real(wp), intent(in), dimension(n_lanes) :: x, y
-    real(wp) :: first, second
+  !> The x before times y, and x y, which is of the next coefficient; the y that follows.
+  pure subroutine add_two_before(total, next, before, y, x, following)
+    real(wp), intent(inout), dimension(n_lanes) :: total, next, before, y
+    real(wp), intent(in), dimension(n_lanes) :: x, following
     integer :: l
     !GCC$ unroll 1
     do l = 1, n_lanes
-      first = x(l)
-      second = y(l)
-      total(l) = total(l) + before(l)*second
-      next(l) = next(l) + first*second
-      before(l) = first
+      total(l) = total(l) + before(l)*y(l)
+      before(l) = x(l)
+      next(l) = next(l) + before(l)*y(l)
+      y(l) = following(l)
     end do
   end subroutine add_two_before
 
