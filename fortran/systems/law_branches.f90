@@ -59,13 +59,21 @@ contains
     !> Shapes (n) and (n, n_dof).
     real(wp), intent(in) :: t(:), q(:, :), v(:, :)
     real(wp), intent(out) :: g(:)
-    real(wp) :: state(size(t), 2*size(q, 2) + 1)
+    real(wp), allocatable :: state(:, :)
+    integer :: d, k
 
     if (allocated(self%by_q)) then
-      call self%program%evaluate(matmul(q, transpose(self%by_q)) &
-                                 + matmul(v, transpose(self%by_v)), g)
+      allocate (state(size(t), size(self%by_q, 1)), source=0.0_wp)
+      do k = 1, size(state, 2)
+        do d = 1, size(q, 2)
+          if (abs(self%by_q(k, d)) > 0.0_wp) state(:, k) = state(:, k) + self%by_q(k, d)*q(:, d)
+          if (abs(self%by_v(k, d)) > 0.0_wp) state(:, k) = state(:, k) + self%by_v(k, d)*v(:, d)
+        end do
+      end do
+      call self%program%evaluate(state, g)
       return
     end if
+    allocate (state(size(t), 2*size(q, 2) + 1))
     state(:, 1:2*size(q, 2):2) = q
     state(:, 2:2*size(q, 2):2) = v
     state(:, 2*size(q, 2) + 1) = t
