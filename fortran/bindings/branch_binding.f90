@@ -15,8 +15,8 @@ subroutine mount_branch(flat, n_flat, kind_x, data_x, n_x, kind_phi, data_phi, n
                         series, n_rows, n_series, parameter, direction, n_direction, nu, &
                         curve_packed, n_packed, harmonics, symmetric, max_points, &
                         leave, begin, begin_p, along, n_unknowns, n_judged, n_kept, max_special, &
-                        cancel, n_points, ended, n_used, p, iterations, error, kept, truncation, &
-                        coefficients, is_stop, n_folds, &
+                        cancel, n_points, ended, n_used, p, iterations, error, off, kept, &
+                        truncation, coefficients, is_stop, n_folds, &
                         folds, fold_coefficients, n_branch_points, branch_points, branch_point_x, &
                         across, branch_before, stable, growing, multipliers, exponents, &
                         n_crossings, kinds, before, crossings, crossing_coefficients, allowed, &
@@ -57,7 +57,7 @@ subroutine mount_branch(flat, n_flat, kind_x, data_x, n_x, kind_phi, data_phi, n
   real(c_double), intent(out) :: p(max_points)
   integer(c_int), intent(out) :: iterations(max_points), is_stop(max_points)
   !> What the last correction and rounding leave, relative to each motion.
-  real(c_double), intent(out) :: error(max_points)
+  real(c_double), intent(out) :: error(max_points), off(max_points)
   !> How many orders each point keeps, and the estimated relative error of leaving out the
   !! others.
   integer(c_int), intent(out) :: kept(max_points)
@@ -149,6 +149,7 @@ subroutine mount_branch(flat, n_flat, kind_x, data_x, n_x, kind_phi, data_phi, n
       p(:n_points) = branch%parameter(:n_points)
       iterations(:n_points) = branch%iterations(:n_points)
       error(:n_points) = branch%error(:n_points)
+      off(:n_points) = branch%off(:n_points)
       call to_complex(branch%x(:, :n_points), coefficients(:n_used, :, :n_points))
       is_stop = 0
       is_stop(branch%stops) = 1

@@ -7,8 +7,7 @@
 !! null vector leads onto the other branch.
 module viscovib_curve_branch
   use viscovib_curve, only: curve_type
-  use viscovib_curve_corrector, only: aim, all_patterns, compare, correct, corrector_type, &
-    new_corrector, rounding_of, truncation_shift
+  use viscovib_curve_corrector, only: aim, compare, correct, corrector_type, new_corrector
   use viscovib_curve_events, only: locate_branch_point, locate_fold, locate_value, nowhere
   use viscovib_curve_options, only: curve_options, curve_options_from, curve_table
   use viscovib_curve_point, only: angle_between, copy_point, curve_point, distance, new_point, &
@@ -16,6 +15,7 @@ module viscovib_curve_branch
   use viscovib_curve_record, only: curve_branch_type, curve_closed, curve_completed, &
     curve_fold_limit, curve_outcomes, curve_overflow, curve_returned, curve_step_limit, &
     curve_stopped, curve_stuck, curve_unphysical
+  use viscovib_curve_rounding, only: all_patterns, least_error, rounding_of, truncation_shift
   use viscovib_kinds, only: wp
   use viscovib_sized_curve, only: refitted, sized_curve_type
   use viscovib_stopping, only: begin_piece, is_set, stop_wanted
@@ -307,9 +307,11 @@ contains
   subroutine blur(f, point)
     type(follower_type), intent(inout) :: f
     type(curve_point), intent(inout) :: point
-    real(wp) :: moved
+    real(wp) :: moved, error, off
     call rounding_of(f%curve, f%corrector, point, moved)
-    point%error = max(point%error, moved, f%rounding)
+    call least_error(f%curve, f%corrector, point, error, off)
+    point%off = max(point%off, moved, f%rounding, off)
+    point%error = max(point%error, point%off, error)
   end subroutine blur
 
   !> Go on with the number of unknowns chosen.

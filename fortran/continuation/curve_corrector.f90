@@ -8,15 +8,15 @@
 !! takes one factorization.
 module viscovib_curve_corrector
   use viscovib_curve, only: curve_type
-  use viscovib_curve_point, only: angle_between, curve_metric, curve_point, metric, normalize
+  use viscovib_curve_point, only: angle_between, curve_metric, curve_point, metric, normalize, &
+    off_at_value
   use viscovib_dense, only: factorize_blocks, factorize_padded, largest_in_rows, solve_padded
   use viscovib_kinds, only: wp
   use viscovib_stopping, only: given_up
   implicit none
   private
 
-  public :: corrector_type, new_corrector, aim, correct, null_vector, truncation_shift, compare, &
-            rounding_of, all_patterns
+  public :: corrector_type, new_corrector, aim, correct, null_vector, compare, displace
 
   integer, parameter :: max_iterations = 12, longest = 8
   !> With the factors kept, corrections must shrink by this each time.
@@ -39,11 +39,8 @@ module viscovib_curve_corrector
   real(wp), parameter :: minor = 1.0e-2_wp, lenience = 1.0_wp/3.0_wp
   !> Cosine of the angle that a motion as a whole may turn by within a step.
   real(wp), parameter :: least_alike = 0.5_wp
-  !> Pivots in so wide a range may let rounding move a solution by more than the tolerance;
-  !! the largest of so many ulps tells how far.
-  real(wp), parameter :: wide = 1.0e-5_wp, ulps = 4.0_wp
-  !> Ways to change unknowns by ulps: what one of them moves little another does not.
-  integer, parameter :: all_patterns = 6
+  !> Pivots in so wide a range may let rounding move a solution by more than the tolerance.
+  real(wp), parameter :: wide = 1.0e-5_wp
 
   !> What the corrector works in, and whether it last met the end of the range.
   type, extends(curve_metric) :: corrector_type
@@ -54,12 +51,17 @@ module viscovib_curve_corrector
     !> Whether the curve tells its groups of unknowns, so that steps and rounding are looked at.
     logical, private :: looks_at_groups = .false.
     !> Whether the derivatives factorized last are nearly singular.
-    logical, private :: nearly_singular = .false.
+    logical :: nearly_singular = .false.
     integer, private :: n = 0, rows = 0
     real(wp), allocatable, private :: matrix(:, :), right(:), r(:), slope_p(:)
     !> What each unknown amounts to, and the largest of each equation, for pivots free of units.
     real(wp), allocatable, private :: sizes(:), largest_of(:)
     integer, allocatable, private :: pivots(:)
+    !> The largest term of each equation, by the derivatives factorized last.
+    real(wp), allocatable :: terms(:)
+    !> The last correction, and what part of it is left.
+    real(wp), allocatable, private :: last(:)
+    real(wp), private :: left = 1.0_wp
     !> Prediction, and what it adds to the tangent: h^2 second + h^3 third.
     real(wp), allocatable, private :: predicted(:), second(:), third(:)
   end type corrector_type
@@ -86,6 +88,7 @@ contains
     allocate (corrector%right(n + 1), corrector%r(n), corrector%slope_p(n), &
               corrector%pivots(n + 1), corrector%predicted(n + 1))
     allocate (corrector%second(n + 1), corrector%third(n + 1), source=0.0_wp)
+    allocate (corrector%terms(n), corrector%last(n + 1), source=0.0_wp)
     allocate (corrector%weights(n), source=1.0_wp)
     if (allocated(curve%weights)) corrector%weights = curve%weights
     allocate (corrector%sizes(n + 1), corrector%largest_of(n + 1), source=1.0_wp)
@@ -166,7 +169,6 @@ contains
 
     made = .false.
     call metric(c, here, weight_x, weight_p)
-    allowed = c%tolerance + c%least*sqrt(weight_x)
     call predict(c, here, step, next)
     fresh = .true.
     was_fresh = .false.
@@ -182,7 +184,7 @@ contains
       c%outside = .not. inside
       if (.not. inside) return
       if (fresh) then
-        call decompose(c, here, weight_x, weight_p, singular)
+        call decompose(c, here, next, weight_x, weight_p, singular)
         if (singular) return
       end if
       call move(c, here, weight_x, weight_p, next, change)
@@ -192,8 +194,9 @@ contains
       settled = fresh .and. k > 4 .and. change > shrinking*before &
                 .and. max(change, before) <= small_enough
       was_fresh = fresh
-      next%error = change
+      c%left = 1.0_wp
       if (change <= rounding .or. settled) exit
+      allowed = allowed_at(c, next)
       ! Determinant and tangent are those of the point before the last correction.
       if (fresh .and. change <= allowed .and. (.not. exact .or. change <= nearly_rounding &
                                                    .or. (k > 1 .and. change &
@@ -206,7 +209,9 @@ contains
           fresh = .true.
         else if (change < fast_enough*before) then
           if (change**2 <= max(far_below*allowed, rounding)*(before - change)) then
-            next%error = change**2/(before - change)
+            ! By factors of the first step, which left b a^2 of an error a, each
+            ! later one leaves 2 b a of it.
+            c%left = 2.0_wp*change/(before - change)
             exit
           end if
           fresh = .false.
@@ -223,7 +228,10 @@ contains
     if (k > max_iterations) return
     made = .true.
     next%iterations = k
+    c%last = c%right
     call find_tangent(c, exact, next)
+    next%off = c%left*change
+    next%error = c%left*off_at_value(c, next, c%last)
     c%largest = max(c%largest, sum(c%weights*next%x**2))
     call normalize(c, next)
     if (exact .or. k == 1) return
@@ -233,12 +241,23 @@ contains
     if (sqrt(weight_p)*abs(next%slope_p) > doubtful*rate) return
     call metric(c, here, weight_x, weight_p)
     call curve%equations(next%x, next%p, c%r, c%matrix, c%slope_p, inside)
-    call decompose(c, here, weight_x, weight_p, singular)
+    call decompose(c, here, next, weight_x, weight_p, singular)
     made = inside .and. .not. singular
     if (.not. made) return
     call find_tangent(c, exact, next)
     call normalize(c, next)
   end subroutine correct
+
+  !> What a correction may be, in the units of `metric`, for the tolerance to hold for the motion
+  !! itself, be it small beside others.
+  pure real(wp) function allowed_at(c, point) result(allowed)
+    type(corrector_type), intent(in) :: c
+    type(curve_point), intent(in) :: point
+    real(wp) :: weight_x, weight_p, own
+    call metric(c, point, weight_x, weight_p)
+    own = min(1.0_wp, sqrt(weight_x*sum(c%weights*point%x**2)))
+    allowed = c%tolerance*own + c%least*sqrt(weight_x)
+  end function allowed_at
 
   !> A point a step ahead on the cubic.
   pure subroutine predict(c, here, step, next)
@@ -295,29 +314,29 @@ contains
     point%slope_p = c%right(c%n + 1)
   end subroutine find_tangent
 
-  !> How far a point moves on the plane of the last correction, relative to its size, if
-  !! the equations are pushed by these residuals.
-  subroutine truncation_shift(c, point, pushed, moved)
-    type(corrector_type), intent(inout) :: c
-    type(curve_point), intent(in) :: point
+  !> How a point moves, (x, p), on the plane of the last correction, if the equations are pushed by
+  !! these residuals.
+  subroutine displace(c, pushed, off)
+    type(corrector_type), intent(in) :: c
+    !> Shape (n), and (n + 1).
     real(wp), intent(in) :: pushed(:)
-    real(wp), intent(out) :: moved
-    real(wp) :: weight_x, weight_p
-    c%right(:c%n) = pushed
-    c%right(c%n + 1) = 0.0_wp
-    call solve_padded(c%rows, c%n + 1, c%matrix, c%pivots, c%right)
-    call metric(c, point, weight_x, weight_p)
-    moved = sqrt(weight_x*sum(c%weights*c%right(:c%n)**2) + weight_p*c%right(c%n + 1)**2)
-  end subroutine truncation_shift
+    real(wp), intent(out) :: off(:)
+    off(:c%n) = pushed
+    off(c%n + 1) = 0.0_wp
+    call solve_padded(c%rows, c%n + 1, c%matrix, c%pivots, off)
+  end subroutine displace
 
   !> Border the derivatives by slope and tangent, and factorize.
-  subroutine decompose(c, here, weight_x, weight_p, singular)
+  subroutine decompose(c, here, next, weight_x, weight_p, singular)
     type(corrector_type), intent(inout) :: c
-    type(curve_point), intent(in) :: here
+    !> The point before, and that of the derivatives.
+    type(curve_point), intent(in) :: here, next
     real(wp), intent(in) :: weight_x, weight_p
     logical, intent(out) :: singular
     integer :: n, i
     n = c%n
+    call largest_in_rows(c%rows, n, c%matrix(:, :n), abs(next%x), c%terms)
+    c%terms = max(c%terms, abs(c%slope_p*next%p))
     c%matrix(:n, n + 1) = c%slope_p
     do i = 1, n
       c%matrix(n + 1, i) = weight_x*c%weights(i)*here%slope_x(i)
@@ -429,34 +448,6 @@ contains
                  10.0_wp*c%tolerance*max(abs(next%p), 0.1_wp*c%p_scale))
   end subroutine compare
 
-  !> How far rounding moves a solution relative to its size: what residuals an ulp apart tell.
-  !! Where the derivatives factorized last are not nearly singular it is 0, unless patterns are
-  !! given.
-  subroutine rounding_of(curve, c, point, moved, patterns)
-    class(curve_type), intent(inout) :: curve
-    type(corrector_type), intent(inout) :: c
-    type(curve_point), intent(in) :: point
-    real(wp), intent(out) :: moved
-    !> How many ways to look at, `all_patterns` at most.
-    integer, intent(in), optional :: patterns
-    real(wp) :: one
-    logical :: inside
-    integer :: i, k, n_ways
-
-    moved = 0.0_wp
-    n_ways = merge(1, 0, c%nearly_singular)
-    if (present(patterns)) n_ways = patterns
-    do k = 0, n_ways - 1
-      call curve%residual(point%x, point%p, c%r, inside)
-      if (.not. inside) return
-      call curve%residual([(point%x(i)*(1.0_wp + ulps*(mod((1 + k/3)*i + k, 3) - 1) &
-                                        *epsilon(1.0_wp)), i=1, c%n)], point%p, c%slope_p, inside)
-      if (.not. inside) return
-      call truncation_shift(c, point, c%slope_p - c%r, one)
-      moved = max(moved, one)
-    end do
-  end subroutine rounding_of
-
   !> The direction across the branch: null vector of the bordered matrix, by inverse
   !! iteration; 0 if that fails.
   subroutine null_vector(curve, c, here, point, across)
@@ -476,7 +467,7 @@ contains
       call curve%equations(point%x*(1.0_wp + k*beside), point%p + k*beside*c%p_scale, c%r, &
                            c%matrix, c%slope_p, inside)
       singular = .not. inside
-      if (inside) call decompose(c, here, weight_x, weight_p, singular)
+      if (inside) call decompose(c, here, point, weight_x, weight_p, singular)
       if (.not. singular) exit
     end do
     if (singular) then

@@ -5,7 +5,7 @@ module viscovib_curve_point
   private
 
   public :: curve_metric, curve_point
-  public :: angle_between, copy_point, distance, metric, new_point, normalize, reverse
+  public :: angle_between, copy_point, distance, metric, new_point, normalize, off_at_value, reverse
 
   !> A point of the curve with its unit tangent and what its bordered determinant is.
   type :: curve_point
@@ -14,8 +14,9 @@ module viscovib_curve_point
     !> Of the determinant's size; kept if the point was corrected exactly.
     real(wp) :: log_determinant = 0.0_wp
     integer :: iterations = 0, sign = 1
-    !> What the last correction leaves, relative to the point.
-    real(wp) :: error = 0.0_wp
+    !> How far x is off at its value of p, and how far (x, p) is off the curve, as a part of both:
+    !! what the last correction leaves, and rounding.
+    real(wp) :: error = 0.0_wp, off = 0.0_wp
   end type curve_point
 
   !> What lengths are measured by: the weight of each unknown, the size of the parameters met and
@@ -45,6 +46,7 @@ contains
     to%iterations = from%iterations
     to%sign = from%sign
     to%error = from%error
+    to%off = from%off
   end subroutine copy_point
 
   pure subroutine normalize(c, point)
@@ -93,5 +95,29 @@ contains
     call metric(c, b, weight_x, weight_p)
     distance = sqrt(weight_x*sum(c%weights*(a%x - b%x)**2) + weight_p*(a%p - b%p)**2)
   end function distance
+
+  !> How far off x is at its value of p, relative to its size, if (x, p) is off by this: what lies
+  !! along the curve is no error of x alone, x - t_x p/t_p is, t being the tangent. At a fold, where
+  !! that has no meaning, it is 1.
+  pure real(wp) function off_at_value(c, point, off) result(moved)
+    class(curve_metric), intent(in) :: c
+    type(curve_point), intent(in) :: point
+    !> Shape (n + 1).
+    real(wp), intent(in) :: off(:)
+    real(wp) :: along, total
+    integer :: i
+    moved = 0.0_wp
+    if (.not. maxval(abs(off)) > 0.0_wp) return
+    moved = 1.0_wp
+    if (.not. abs(off(size(off))) < abs(point%slope_p)*sqrt(huge(along))) return
+    along = off(size(off))/point%slope_p
+    moved = 0.0_wp
+    total = 0.0_wp
+    do i = 1, size(point%x)
+      moved = moved + c%weights(i)*(off(i) - point%slope_x(i)*along)**2
+      total = total + c%weights(i)*point%x(i)**2
+    end do
+    moved = merge(min(1.0_wp, sqrt(moved/max(total, tiny(total)))), 0.0_wp, moved > 0.0_wp)
+  end function off_at_value
 
 end module viscovib_curve_point

@@ -28,9 +28,10 @@ module viscovib_curve_record
     !! (n_unknowns at most, max_points).
     real(wp), allocatable :: parameter(:), direction(:), x(:, :)
     integer, allocatable :: iterations(:)
-    !> Estimated error of each point relative to its size: what the last correction and rounding
-    !! leave, shape (max_points).
-    real(wp), allocatable :: error(:)
+    !> What the last correction and rounding leave of each point: the estimated relative error of x
+    !! at its value of p, which beside a fold grows without bounds, and how far (x, p) is off the
+    !! curve, shape (max_points).
+    real(wp), allocatable :: error(:), off(:)
     !> Where the number of unknowns is chosen: how many were kept, and what leaving out others
     !! changes, relative to x, shape (max_points).
     integer, allocatable :: kept(:)
@@ -64,8 +65,8 @@ contains
       allocate (self%kept(max_points), self%truncation(max_points))
     end if
     allocate (self%parameter(max_points), self%direction(max_points), &
-              self%iterations(max_points), self%error(max_points), self%x(most, max_points), &
-              self%stops(0))
+              self%iterations(max_points), self%error(max_points), self%off(max_points), &
+              self%x(most, max_points), self%stops(0))
     call empty(self%folds, most, self%blocks)
     call empty(self%branch_points, most, self%blocks)
   end subroutine make_room
@@ -82,6 +83,7 @@ contains
     self%direction(self%n_points) = point%slope_p
     self%iterations(self%n_points) = point%iterations
     self%error(self%n_points) = point%error
+    self%off(self%n_points) = point%off
     self%x(:, self%n_points) = refitted(self%blocks, point%x, size(self%x, 1))
     if (allocated(self%kept)) then
       self%kept(self%n_points) = size(point%x)

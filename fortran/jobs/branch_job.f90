@@ -138,9 +138,9 @@ contains
     call tabulate(self%varies, orders, highest, branch, stability, crossings, &
                   subject%coordinates(self%wanted), subject%units(self%wanted), extra, table)
     call sink%put(this_kind(), table, status)
-    associate (error => branch%error(:branch%n_points))
-      short = count(branch%truncation(:branch%n_points) > max(branch%allowed, error))
-      blurred = count(error > branch%allowed)
+    associate (off => branch%off(:branch%n_points))
+      short = count(branch%truncation(:branch%n_points) > max(branch%allowed, off))
+      blurred = count(off > branch%allowed)
     end associate
     report%complete = branch%outcome == curve_completed .and. short == 0
     report%summary = trim(curve_outcomes(branch%outcome))//', ' &

@@ -42,6 +42,7 @@ module viscovib_oscillator_curve
   contains
     procedure :: equations
     procedure :: residual
+    procedure :: raise_terms
     procedure :: set
     procedure :: choose_from
     procedure :: stay_with
@@ -152,6 +153,33 @@ contains
     end if
     call self%balance%derivatives(self%system, jacobian)
   end subroutine equations
+
+  !> Inertia, which near resonance cancels against stiffness; and as samples share their rounding
+  !! among all orders, an equation has that of the largest order of its coordinate.
+  subroutine raise_terms(self, x, p, terms)
+    class(oscillator_curve_type), intent(in) :: self
+    real(wp), intent(in) :: x(:), p
+    real(wp), intent(inout) :: terms(:)
+    real(wp) :: nu, largest(self%blocks), most
+    integer :: d, e, k, rows
+
+    rows = self%n/self%blocks
+    nu = merge(p, self%balance%nu, self%vary == vary_frequency)
+    do d = 1, self%blocks
+      largest(d) = 0.0_wp
+      do k = 1, rows
+        most = self%balance%set%orders((k + 1)/2)*nu
+        largest(d) = max(largest(d), most**2*abs(x((d - 1)*rows + k)))
+      end do
+    end do
+    do d = 1, self%blocks
+      most = maxval(terms((d - 1)*rows + 1:d*rows))
+      do e = 1, self%blocks
+        most = max(most, abs(self%system%mass(d, e))*largest(e))
+      end do
+      terms((d - 1)*rows + 1:d*rows) = most
+    end do
+  end subroutine raise_terms
 
   subroutine left_out(self, x, p, pushed, short, own)
     class(oscillator_curve_type), intent(inout) :: self

@@ -56,7 +56,9 @@ def test_a_resonance_is_passed_once(damping):
     off = np.abs(lost - fed) / (2 * damping * np.abs(x[:, 0]))
     # Each of the two sums rounds a few times more than the estimate counts.
     assert off.max() < max(10 * branch.error.max(), 1e-11)
-    assert branch.error.max() < max(1e-10, 1e-15 / damping)
+    # Beside folds motions at a value of nu are known less well.
+    beside = np.abs(branch.nu[:, np.newaxis] - branch.folds).min(axis=1) < 1e-3
+    assert branch.error[~beside].max() < max(1e-10, 1e-13 / damping)
 
 
 def test_what_rounding_leaves_is_told():
@@ -64,11 +66,14 @@ def test_what_rounding_leaves_is_told():
     with pytest.warns(vv.ConvergenceWarning) as told:
         branch = vv.trace_response(body, (0.5, 3), load=2e-8, harmonics=15, stability=False)
     assert any("rounding leaves more than the tolerance" in str(w.message) for w in told)
-    assert 1e-10 < branch.error.max() < 1e-6
+    assert 1e-10 < branch.error.max() < 1e-4
 
 
-def off_curve(branch, i, damping, cubic, load):
-    """How far a point of a Duffing branch is off the curve, by residuals in extended precision."""
+def off_curve(branch, i, damping, cubic, load, at_value=False):
+    """How far a point of a Duffing branch is off the curve, by residuals in extended precision.
+
+    With `at_value` its motion from the one at its nu.
+    """
     kept = np.flatnonzero(branch.coefficients[i, 0])
     k = branch.harmonics[kept].astype(np.longdouble)
     x, nu = branch.coefficients[i, 0, kept].astype(np.clongdouble), np.longdouble(branch.nu[i])
@@ -89,11 +94,26 @@ def off_curve(branch, i, damping, cubic, load):
         (residual(x + h * d, nu) - residual(x - h * d, nu)) / (2 * h)
         for d in [*np.eye(k.size), *(1j * np.eye(k.size))]
     ]
-    columns.append((residual(x, nu + h) - residual(x, nu - h)) / (2 * h))
+    columns.append((1 - at_value) * (residual(x, nu + h) - residual(x, nu - h)) / (2 * h))
     slopes = np.array([real(c).ravel() for c in columns], dtype=float).T
     rest = real(residual(x, nu)).astype(float).ravel()
     step = np.linalg.lstsq(slopes, -rest, rcond=None)[0][:-1]
     return np.linalg.norm(step) / abs(branch.coefficients[i, 0, 0])
+
+
+@pytest.mark.filterwarnings("ignore::viscovib.ConvergenceWarning")
+def test_the_error_of_a_point_is_that_of_its_motion_at_its_frequency():
+    """1e-24 to 1e-14 were told of motions that rounding, divided by the damping, left 1e-9 off."""
+    rng = np.random.default_rng(5)
+    for exponent in range(-9, 0):
+        damping, cubic = 10.0**exponent * rng.uniform(0.5, 2), rng.uniform(0.1, 2)
+        load = damping * rng.uniform(0.5, 3)
+        body = vv.PolynomialSystem(mass=1, stiffness=1, damping=damping, forces=f"{cubic}*x^3")
+        branch = vv.trace_response(body, (0.5, 2.5), load=load, harmonics=5, stability=False)
+        # Beside folds one step of Newton's method is not enough to judge.
+        for i in rng.permutation(np.flatnonzero(branch.error < 1e-6))[:40]:
+            off = off_curve(branch, i, damping, cubic, load, at_value=True)
+            assert off < 3 * branch.error[i], (damping, cubic, load, branch.nu[i])
 
 
 def test_rounding_is_no_lack_of_harmonics():

@@ -276,8 +276,8 @@ def _branch(
 ) -> Branch:
     """Give what the core found its names and units."""
     (
-        n, ended, n_used, p, iterations, error, kept, truncation, coefficients, is_stop, n_folds,
-        folds, fold_coefficients, n_branch, branch_p, branch_x, across, branch_before, judged,
+        n, ended, n_used, p, iterations, error, off, kept, truncation, coefficients, is_stop,
+        n_folds, folds, fold_coefficients, n_branch, branch_p, branch_x, across, branch_before, judged,
         growing, multipliers, exponents, n_crossings, kinds, before, where, crossing_coefficients,
         allowed,
     ) = found  # fmt: skip
@@ -335,6 +335,7 @@ def _branch(
         _job=job,
         _tolerance=tolerance,
         _allowed=allowed,
+        _off=off[:n].copy(),
         _parts=Parts(system, shown.job[-2], shown.job[-1]),
     )
     _warn_of_doubts(branch, motions, p)
@@ -354,9 +355,9 @@ def _branch(
 def _warn_of_doubts(branch: Branch, motions: ComplexArray, p: FloatArray) -> None:
     """Tell where rounding, or harmonics left out, leave more than the tolerance."""
     stable, allowed, tolerance = branch.stable, branch._allowed, branch._tolerance
-    few, blurred = branch._few, branch.error > allowed
+    few, blurred = branch._few, branch._off > allowed
     _warn_above(
-        branch.error, allowed, tolerance, branch.varies, p,
+        branch._off, allowed, tolerance, branch.varies, p,
         "rounding leaves more than the tolerance",
         hanging(stable, blurred & ~few, "rounding decides"),
     )  # fmt: skip

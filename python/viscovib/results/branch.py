@@ -76,9 +76,10 @@ class Branch(PeriodicMotions, Curve):
         "overflow"; "closed": back at the first point; "unphysical": at the end of the values that
         make a system.
     error : ndarray, shape (n,)
-        Estimated error of each point as a solution of its equations, relative to its size: what the
-        last correction and rounding leave. At very light damping that is rounding divided by the
-        damping, and may exceed ``tolerance``.
+        Estimated error of the motion of each point at its value of what varies, relative to its
+        size: what the last correction and rounding leave. At very light damping that is rounding
+        divided by the damping, and may exceed ``tolerance``; beside a fold, where a small change
+        of what varies is a large one of the motion, it may too, though the point is on its curve.
     varies : str
         "nu", "load_factor" or a parameter of the system.
     parameter : ndarray, shape (n,)
@@ -137,6 +138,8 @@ class Branch(PeriodicMotions, Curve):
     _tolerance: float = field(repr=False)
     #: Relative error allowed of each motion, with what is allowed besides.
     _allowed: FloatArray = field(repr=False)
+    #: How far each point is off its curve, as a part of motion and parameter.
+    _off: FloatArray = field(repr=False)
     #: What takes energy from the motions.
     _parts: Parts | None = field(default=None, repr=False)
     #: Further columns that a scene asks for.
@@ -167,7 +170,7 @@ class Branch(PeriodicMotions, Curve):
         ]
 
     def _lacking(self) -> str:
-        short, blurred = (int(which.sum()) for which in (self._few, self.error > self._allowed))
+        short, blurred = (int(which.sum()) for which in (self._few, self._off > self._allowed))
         words = f", {things(short, 'point')} with too few harmonics" if short else ""
         if blurred:
             words += (
@@ -178,7 +181,7 @@ class Branch(PeriodicMotions, Curve):
     @property
     def _few(self) -> npt.NDArray[np.bool_]:
         """Points that more harmonics would bring nearer: not those that rounding keeps away."""
-        return np.asarray(self.truncation > np.maximum(self._allowed, self.error))
+        return np.asarray(self.truncation > np.maximum(self._allowed, self._off))
 
     @property
     def complete(self) -> bool:  # type: ignore[override]
