@@ -287,7 +287,7 @@ contains
   subroutine examine(f, again)
     type(follower_type), intent(inout) :: f
     logical, intent(out) :: again
-    real(wp) :: pushed(f%curve%n), short, own, moved, blurred
+    real(wp) :: pushed(f%curve%n), short, own, moved, blurred, error, off
     call f%sized%left_out(f%next%x, f%next%p, pushed, short, own)
     call truncation_shift(f%corrector, f%next, pushed, moved)
     f%truncation = max(own, short*moved)
@@ -295,7 +295,8 @@ contains
     ! Of what is hardly there the push may be rounding.
     if (f%truncation > f%options%tolerance .and. own <= f%options%tolerance) then
       call rounding_of(f%curve, f%corrector, f%next, blurred, all_patterns)
-      if (moved <= as_rounding*blurred) then
+      call least_error(f%curve, f%corrector, f%next, error, off)
+      if (moved <= max(as_rounding*blurred, off)) then
         f%rounding = max(moved, blurred)
         f%truncation = max(own, f%rounding)
       end if

@@ -205,3 +205,24 @@ def test_a_pendulum_passes_its_resonance_once(damping):
     assert some.outcome == many.outcome == "completed"
     assert some.folds.size == 2
     assert some.folds == pytest.approx(many.folds, rel=1e-9)
+
+
+@pytest.mark.filterwarnings("ignore::viscovib.ConvergenceWarning")
+@pytest.mark.parametrize("coupling", [1e7, 1e8, 1e9])
+def test_rounding_of_a_stiff_coupling_is_no_lack_of_harmonics(coupling):
+    """9 to 15 points were told to lack harmonics, and had 63."""
+    body = vv.PolynomialSystem(
+        mass=np.eye(2),
+        stiffness=[[1 + coupling, -coupling], [-coupling, 1 + coupling]],
+        damping=0.05 * np.eye(2),
+        names=["x", "y"],
+        forces={"x": "0.3*x^3"},
+    )
+    branch = vv.trace_response(body, (0.2, 0.8), load={"x": 0.3}, stability=False)
+    assert branch.complete
+    assert branch.highest.max() <= 21
+    # Both move as one body does, of twice the mass, but for what is left of their distance.
+    one = vv.PolynomialSystem(mass=2, stiffness=2, damping=0.1, forces="0.3*x^3")
+    exact = vv.forced_response(one, branch.nu, load=0.3, method="newton", stability=False)
+    off = np.abs(branch.coefficients[:, 0, 0] / exact.coefficients[:, 0, 0] - 1)
+    assert np.all(off < 3 * branch.error + 1 / coupling)

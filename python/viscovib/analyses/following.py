@@ -277,9 +277,9 @@ def _branch(
     """Give what the core found its names and units."""
     (
         n, ended, n_used, p, iterations, error, off, kept, truncation, coefficients, is_stop,
-        n_folds, folds, fold_coefficients, n_branch, branch_p, branch_x, across, branch_before, judged,
-        growing, multipliers, exponents, n_crossings, kinds, before, where, crossing_coefficients,
-        allowed,
+        n_folds, folds, fold_coefficients, n_branch, branch_p, branch_x, across, branch_before,
+        judged, growing, multipliers, exponents, n_crossings, kinds, before, where,
+        crossing_coefficients, allowed,
     ) = found  # fmt: skip
     system, way, view, orders = shown.system, shown.way, shown.view, shown.orders
     stability: Stability | None = None
