@@ -554,20 +554,41 @@ def _between_modes(sizes: Callable[[FloatArray], FloatArray], nu: FloatArray) ->
     return np.unique(np.concatenate(found))
 
 
+def _scatters(response: Response, d: int, j: int, nu: FloatArray) -> npt.NDArray[np.bool_]:
+    """Whether rounding of the others moves a component of a linear response at each frequency.
+
+    Its part of the largest component then scatters where frequencies are a few ulps apart, for
+    rounding is another at each: it may be divided by the damping, and look like a resonance, or
+    make summits of its own. Beside a resonance, be it as narrow as rounding, all components change
+    alike.
+    """
+    near = nu * (1 + _ULPS * np.arange(-4, 5)[:, np.newaxis])
+    motions = response._linear_motions(near.ravel()).reshape(*near.shape, -1)
+    at = np.abs(motions[0]).argmax(axis=-1)[np.newaxis, :, np.newaxis]
+    with np.errstate(invalid="ignore", divide="ignore"):
+        part = motions[..., d * response.harmonics.size + j]
+        part = part / np.take_along_axis(motions, at, -1)[..., 0]
+    size = np.abs(part).mean(axis=0)
+    apart = np.abs(part - part.mean(axis=0)).max(axis=0)
+    return np.asarray((size <= _NOTHING) | (apart > 0.1 * _FLAT * size))
+
+
 def _linear_summit(
     response: Response, places: npt.NDArray[np.intp], d: int, j: int
 ) -> tuple[float, float] | None:
     """Of a linear response: each frequency is solved for, so that intervals shrink to a summit."""
     sizes = partial(response._linear_sizes, d, j)
     nu = _between_modes(sizes, response.nu[places])
-    # Slopes at both ends of each interval tell whether it holds a summit.
-    h = 1e-6 * np.diff(nu)
-    from_left = sizes(nu[:-1] + h) > sizes(nu[:-1])
-    from_right = sizes(nu[1:] - h) > sizes(nu[1:])
+    # Slopes at both ends of each interval tell whether it holds a summit; where rounding hides
+    # them, a frequency that is higher than those beside it does.
+    h, at = 1e-6 * np.diff(nu), sizes(nu)
+    from_left = sizes(nu[:-1] + h) > at[:-1]
+    from_right = sizes(nu[1:] - h) > at[1:]
     held = np.flatnonzero(from_left & from_right)
-    if not held.size:
+    tops = 1 + np.flatnonzero((at[1:-1] >= at[:-2]) & (at[1:-1] >= at[2:]))
+    if not held.size + tops.size:
         return None
-    low, high = nu[held], nu[held + 1]
+    low, high = np.r_[nu[held], nu[tops - 1]], np.r_[nu[held + 1], nu[tops + 1]]
     for _ in range(60):
         inner = np.linspace(low, high, 9)
         around = np.nan_to_num(sizes(inner.ravel()).reshape(inner.shape), nan=np.inf)
@@ -580,10 +601,9 @@ def _linear_summit(
             break
     middle = 0.5 * (low + high)
     found = np.nan_to_num(sizes(middle), nan=np.inf)
-    found[~flat] = np.inf
-    largest = np.abs(response._linear_motions(middle)).max(axis=(1, 2))
-    found[found <= _NOTHING * largest] = -np.inf
-    if not (found > 0).any():
-        return None
+    rounded = _scatters(response, d, j, middle)
+    found[~flat & ~rounded] = np.inf
     best = int(found.argmax())
+    if rounded[best] or not found[best] > 0:
+        return None
     return float(middle[best]), float(found[best])
