@@ -458,6 +458,7 @@ contains
     allocate (states(size(job%initial), n/every))
     self%system%longest = max(self%system%longest, trajectory%h)
     self%system%thin = trajectory%h/self%system%longest
+    call self%system%begin_anew()
     call simulate(stepper, self%system, 0_i8, n, every, no_times, states, no_states, &
                   trajectory%n_steps, n_reached, trajectory%t_reached, trajectory%outcome, &
                   watch=trajectory%watch)

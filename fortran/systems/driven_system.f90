@@ -80,6 +80,7 @@ module viscovib_driven_system
     procedure :: physical
     procedure :: enter
     procedure :: take_sides
+    procedure :: begin_anew
     procedure :: signal_at
     procedure :: meet
     procedure :: longest_part
@@ -174,6 +175,15 @@ contains
     integer, intent(in) :: sides(:)
     if (size(sides) > 0) self%signals = self%signals
   end subroutine take_sides
+
+  !> Forget on which sides of surfaces a run has ended: the next one begins where its own start is.
+  subroutine begin_anew(self)
+    class(driven_system_type), intent(inout) :: self
+    if (.not. allocated(self%sides)) return
+    call self%take_sides(0*self%sides)
+    deallocate (self%sides, self%fresh)
+    self%grade = 0.0_wp
+  end subroutine begin_anew
 
   !> Length of the first part of a step behind a switch; 0: any, nothing fades as fast.
   pure real(wp) function first_part(self)

@@ -232,3 +232,54 @@ def test_ends_that_are_alike_by_chance_are_refused(solve, tmp_path, kernel):
     last = [float(s) for s in (tmp_path / "wells_transient.csv").read_text().split()[-1].split(",")]
     run = vv.run(scene).trajectory
     assert last[1:3] == pytest.approx(run.state[-1], abs=1e-9)
+
+
+def free_slide(mass, stiffness, friction, x, v, t):
+    """A mass on a spring under dry friction: arcs about -+ friction/stiffness, until it sticks."""
+    omega, begin = math.sqrt(stiffness / mass), 0.0
+    side = np.sign(v) or -np.sign(x)
+    states = np.empty((t.size, 2))
+    while abs(v) > 0 or stiffness * abs(x) > friction:
+        center = -side * friction / stiffness
+        a, b = x - center, v / omega
+        turn = (math.atan2(b, a) % math.pi or math.pi) / omega
+        now = t >= begin
+        phase = omega * (t[now] - begin)
+        states[now, 0] = center + a * np.cos(phase) + b * np.sin(phase)
+        states[now, 1] = omega * (b * np.cos(phase) - a * np.sin(phase))
+        x = center + a * math.cos(omega * turn) + b * math.sin(omega * turn)
+        v, begin, side = 0.0, begin + turn, -side
+    states[t >= begin] = x, 0.0
+    return states
+
+
+@pytest.mark.parametrize("form", ["system", "structure", "prony"])
+def test_motions_that_begin_sliding_and_end_sticking(solve, tmp_path, form):
+    """Each run in smaller steps begins on its own sides of `sign`, not where the last one ended."""
+    rng = np.random.default_rng(5)
+    for _ in range(6):
+        m, k, f = rng.uniform(0.5, 2), rng.uniform(0.5, 3), rng.uniform(0.1, 0.4)
+        x, v = rng.uniform(-0.3, 0.3), rng.uniform(-1, 1)
+        if form == "system":
+            text = (
+                f"&system coordinates='x', mass={m}, stiffness={k} /\n"
+                f"&force law='{f}*sign(x_dot)' /\n"
+            )
+        else:
+            text = (
+                f"&structure mass={m}, stiffness={k}, coordinates='x' /\n"
+                f"&element on='x', law='{f}*sign(v)', kernel=0 /\n"
+            )
+        if form == "prony":
+            text += (
+                "&kernel kind='prony', weights=0.5, rates=1 /\n&element on='x', stiffness=1e-14 /\n"
+            )
+        scene = tmp_path / f"{form}.nml"
+        scene.write_text(f"{text}&transient initial={x} {v}, t_end=30, tolerance=1e-9 /\n")
+        done = solve(scene, "--out", tmp_path)
+        assert done.returncode == 0, done.stderr
+        table = read_csv(tmp_path / f"{form}_transient.csv")
+        true = free_slide(m, k, f, x, v, table["t"])
+        assert true[-1, 1] == 0
+        assert table["x"] == pytest.approx(true[:, 0], abs=1e-9)
+        assert table["x_dot"] == pytest.approx(true[:, 1], abs=1e-8)
