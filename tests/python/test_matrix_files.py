@@ -59,7 +59,11 @@ WRONG = {
         BANNER + "2 2 300000000000\n1 1 1.0\n": "is cut short: it says 300000000000 entries",
         BANNER + "2 3 1\n1 1 1.0\n": "is 2 x 3, must be square",
         BANNER + "2 2 1\n3 1 1.0\n": "is no Matrix Market file",
-        BANNER + "2 2 1\n1 1 x\n": "is no Matrix Market file",
+        BANNER + "2 2 1\n1 1 x\n": "a.mtx, line 3: '1 1 x' must be row, column and number",
+        BANNER + "2 2 1\n1 1 3,5\n": "a.mtx, line 3: '1 1 3,5' must be",
+        BANNER + "%\n2 2 2\n1 1 1\n2 2 0x10\n": "a.mtx, line 5: '2 2 0x10' must be",
+        BANNER.replace("real", "integer") + "2 2 1\n1 1 1.5\n": "number without a point",
+        BANNER.replace("coordinate", "array") + "1 1\n3,5\n": "line 3: '3,5' must be a number",
         BANNER.replace("real", "complex") + "1 1 1\n1 1 1 2\n": "holds complex numbers",
         BANNER.replace("real", "pattern") + "1 1 1\n1 1\n": "a pattern without values",
     },
@@ -87,6 +91,39 @@ def test_wrong_files(tmp_path, name, text, message):
         read_matrix("mass", tmp_path / name)
     assert str(caught.value).startswith("mass: ")
     assert "\n" not in str(caught.value)
+
+
+def entry(rng):
+    """A word that is a number, or nearly one; its value, or None."""
+    sound = f"{rng.choice(['', '-', '+'])}{rng.integers(1, 99)}{rng.choice(['', '.', '.5', '.25'])}"
+    sound += rng.choice(["", "", "e3", "E-2", "D+1", "d2"])
+    spoil = rng.choice(["", "", "", "x", ",5", "e", "&.0C", " 5", "_0", "D", "f0", ".5.5"])
+    whole = sound + spoil
+    try:
+        return whole, float(whole.lower().replace("d", "e").replace("_", "x").replace("f", "x"))
+    except ValueError:
+        return whole, None
+
+
+def test_a_line_is_an_entry_or_refused(tmp_path):
+    """Never a part of a number, nor what stands beyond a file whose last line has no end."""
+    rng = np.random.default_rng(45)
+    file = tmp_path / "a.mtx"
+    refused = 0
+    for i in range(300):
+        word, value = entry(rng)
+        end = rng.choice(["", "\n", "\r\n", "\n\n", " \n"])
+        if i % 2:
+            file.write_text(f"{BANNER}% by a program\n2 2 2\n1 1 1.0\n% 2\n2 2 {word}{end}")
+        else:
+            file.write_text(f"{BANNER.replace('coordinate', 'array')}2 2\n1\n0\n0\n{word}{end}")
+        if value is None:
+            refused += 1
+            with pytest.raises(vv.FileError, match=r"a\.mtx, line 6: "):
+                read_matrix("mass", file)
+        else:
+            assert read_matrix("mass", file).toarray()[1, 1] == value, word
+    assert 50 < refused < 250
 
 
 def test_npz_of_something_else(tmp_path):

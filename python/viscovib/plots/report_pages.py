@@ -263,14 +263,16 @@ def _plot_forces(body: Body, ax: Axes, hz: npt.NDArray[np.float64], load: Any) -
 
     result = forced_response(body, 2 * math.pi * hz, load=load, method="linear")
     forces = body.mount_forces(result)
+    # Of a load of 0 there is no order; squares of large forces are no numbers.
+    sizes = np.hypot.reduce(np.abs(forces.force[..., :1]).sum(axis=3), axis=2)
     for i, name in enumerate(forces.names):
-        size = np.linalg.norm(np.abs(forces.force[:, i, :, 0]), axis=1)
         ax.plot(
-            hz, size, color=COLOURS[i % len(COLOURS)], linestyle=STYLES[i % len(STYLES)],
+            hz, sizes[:, i], color=COLOURS[i % len(COLOURS)], linestyle=STYLES[i % len(STYLES)],
             label=name,
         )  # fmt: skip
     ax.set_xscale("log")
-    ax.set_yscale("log")
+    if np.any(sizes >= np.finfo(float).tiny):
+        ax.set_yscale("log")
     ax.set_xlim(hz[0], hz[-1])
     ax.set_xlabel("frequency (Hz)")
     ax.set_ylabel("force, first order (N)")

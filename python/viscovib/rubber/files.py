@@ -24,7 +24,7 @@ from viscovib.kernels.tabulated import TabulatedKernel
 from viscovib.kernels.time_temperature import WLF, Arrhenius, ShiftLaw, ThermalKernel
 from viscovib.rubber.data import CreepData, ModulusData, RelaxationData
 from viscovib.rubber.fit import KernelFit, Optimum
-from viscovib.rubber.measured import Measured
+from viscovib.rubber.measured import LOSS_SHARE, SHARE, Measured
 from viscovib.rubber.models import PARTS, Model
 from viscovib.rubber.parametric_fit import ParametricFit
 from viscovib.rubber.prony_fit import PronyFit
@@ -219,7 +219,7 @@ def _fit_of(content: Mapping[str, Any]) -> KernelFit:
     columns = {key: value for key, value in given.items() if key in _fields(_DATA[kind])}
     data = _DATA[kind](**columns)
     shares = _entry(content, "shares")
-    measured = Measured.of(data, (float(shares[0]), float(shares[-1])))
+    measured = Measured.of(data, (SHARE.check(shares[0]), LOSS_SHARE.check(shares[-1])))
     kernel = _kernel_of(content)
     law = kernel.shift if isinstance(kernel, ThermalKernel) else None
     weights = _native.choice("weights", _entry(content, "weights"), ("model", "data"))
@@ -286,5 +286,5 @@ def _told(name: str, make: Callable[[], _Made]) -> _Made:
         return make()
     except InputError as error:
         raise InputError(f"{name}: {error}") from None
-    except (TypeError, ValueError, KeyError, IndexError) as error:
+    except (TypeError, ValueError, KeyError, IndexError, OverflowError) as error:
         raise InputError(f"{name}: {error}") from None

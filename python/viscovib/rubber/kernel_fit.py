@@ -15,7 +15,7 @@ from viscovib.kernels.time_temperature import ShiftLaw
 from viscovib.rubber.data import CreepData, ModulusData, RelaxationData
 from viscovib.rubber.fit import KernelFit, Optimum
 from viscovib.rubber.master import MasterCurve
-from viscovib.rubber.measured import Measured, descend
+from viscovib.rubber.measured import LOSS_SHARE, SHARE, Measured, descend
 from viscovib.rubber.models import PARTS, Model, start_shapes
 from viscovib.rubber.parametric_fit import ParametricFit
 from viscovib.rubber.prony_fit import fit_prony
@@ -30,8 +30,7 @@ _NOISE = 0.15
 _PASSES, _SETTLED = 12, 1e-10
 #: An instantaneous modulus so far beyond the largest one measured is told.
 _BEYOND = 1.6
-_ALLOW, _SHARE = Flag("allow_creep"), Number("storage_weight", lowest=0, highest=1e100)
-_LOSS_SHARE, _MODULUS = Number("loss_weight", lowest=0, highest=1e100), Number("modulus", above=0)
+_ALLOW, _MODULUS = Flag("allow_creep"), Number("modulus", above=0)
 
 
 def fit_kernel(
@@ -104,7 +103,7 @@ def fit_kernel(
         data = data.data
     if law is not None:
         _native.check_instance("shift", law, ShiftLaw)
-    shares = _SHARE.check(storage_weight), _LOSS_SHARE.check(loss_weight)
+    shares = SHARE.check(storage_weight), LOSS_SHARE.check(loss_weight)
     if not any(shares):
         raise InputError("storage_weight, loss_weight: must not both be 0")
     _native.choice("weights", weights, _WEIGHTS)

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from viscovib._native import ComplexArray, FloatArray
+from viscovib.common.parameters import Number
 from viscovib.errors import InputError
 from viscovib.rubber.data import CreepData, ModulusData, RelaxationData
 from viscovib.rubber.models import Model
@@ -13,6 +14,9 @@ from viscovib.rubber.models import Model
 #: Part of the largest singular value below which data do not feel a direction; what a row leaves
 #: to the others at least.
 LEAST_FELT, _OWN = 1e-9, 1e-6
+#: Weights of the residuals of storage and of loss.
+SHARE = Number("storage_weight", lowest=0, highest=1e100)
+LOSS_SHARE = Number("loss_weight", lowest=0, highest=1e100)
 
 
 @dataclass(frozen=True)

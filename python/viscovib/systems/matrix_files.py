@@ -1,5 +1,6 @@
 """Matrices in files: Matrix Market, Harwell-Boeing and NumPy's .npz."""
 
+import io
 import os
 import re
 import zipfile
@@ -10,6 +11,7 @@ import numpy as np
 from scipy.io import mminfo, mmread, mmwrite
 from scipy.sparse import coo_array, csc_array, load_npz, save_npz
 
+from viscovib._native import shown
 from viscovib.common.files import whole_file
 from viscovib.common.parameters import FilePath
 from viscovib.errors import FileError, InputError
@@ -21,6 +23,12 @@ MATRIX_MARKET, HARWELL_BOEING = (".mtx", ".mm"), (".rb", ".hb", ".rsa", ".rua", 
 _ENDINGS = f"{', '.join((*MATRIX_MARKET, *HARWELL_BOEING))} or .npz"
 #: Fortran's edit descriptors of numbers: repetitions, letter, width.
 _FORMAT = re.compile(r"\(\s*(?:\d+P\s*,?\s*)?(\d*)([IEDFG])(\d+)(?:\.\d+)?(?:E\d+)?\s*\)", re.I)
+#: What stands above the entries of a Matrix Market file: its kind, comments and its size.
+_HEAD = re.compile(rb"[^\n]*\n(?:[ \t]*(?:%[^\n]*)?\r?\n)*+[^\n]*(?:\n|\Z)")
+_WHOLE, _REAL = rb"[+-]?\d++", rb"[+-]?(?:\d++\.?\d*+|\.\d++)(?:[eEdD][+-]?\d++)?+"
+_PLACES = {"coordinate": rb"\d++[ \t]++\d++[ \t]++", "array": b""}
+#: SciPy knows exponents of double precision, as Fortran writes them, no more than signs "+".
+_EXPONENTS = bytes.maketrans(b"dD", b"ee")
 
 
 def read_matrix(name: str, path: str | os.PathLike[str]) -> Any:
@@ -72,7 +80,8 @@ def write_matrix(path: str | os.PathLike[str], matrix: Any, comment: str = "") -
 
 def _matrix_market(name: str, file: Path, size: int) -> Any:
     try:
-        rows, columns, entries, form, kind, symmetry = mminfo(file)
+        content = file.read_bytes()
+        rows, columns, entries, form, kind, symmetry = mminfo(io.BytesIO(content))
         if kind == "complex" or symmetry == "hermitian":
             raise InputError(f"{name}: {file} holds complex numbers, must be real")
         if kind == "pattern":
@@ -83,7 +92,7 @@ def _matrix_market(name: str, file: Path, size: int) -> Any:
             entries = rows * columns if symmetry == "general" else rows * (rows - 1) // 2
         if _LEAST * entries > size:
             raise FileError(f"{name}: {file} is cut short: it says {entries} entries")
-        matrix = mmread(file, spmatrix=False)
+        matrix = mmread(io.BytesIO(_checked(name, file, content, form, kind)), spmatrix=False)
     except (ValueError, OverflowError) as error:
         if isinstance(error, InputError):
             raise
@@ -92,6 +101,31 @@ def _matrix_market(name: str, file: Path, size: int) -> Any:
             raise FileError(f"{name}: {file} is cut short") from None
         raise FileError(f"{name}: {file} is no Matrix Market file ({why})") from None
     return matrix
+
+
+def _checked(name: str, file: Path, content: bytes, form: str, kind: str) -> bytes:
+    """Return a Matrix Market file of which each line of entries is one, and no more.
+
+    SciPy takes of a line what it understands: 3 of 3,5 and 1.0 of 1.0D3. Where the last line ends
+    in something else it reads beyond the file.
+    """
+    head = _HEAD.match(content)
+    start = head.end() if head else len(content)
+    body = content[start:] + (b"" if content.endswith(b"\n") else b"\n")
+    whole = "integer" in kind
+    entry = _PLACES[form] + (_WHOLE if whole else _REAL)
+    sound = re.match(rb"(?:[ \t]*+(?:" + entry + rb")?+[ \t]*+(?:%[^\n]*)?+\r?\n)*+", body)
+    end = sound.end() if sound else 0
+    if end < len(body):
+        line = body[end : body.index(b"\n", end)].decode("latin-1").strip()
+        what = "a number" if form == "array" else "row, column and number"
+        raise FileError(
+            f"{name}: {file}, line {content[: start + end].count(bytes([10])) + 1}: "
+            f"{shown(line)} must be {what}{' without a point' if whole else ''}"
+        )
+    if b"%" in body:
+        body = re.sub(rb"%[^\n]*", b"", body)
+    return content[:start] + body.translate(_EXPONENTS, b"+")
 
 
 def _npz(name: str, file: Path) -> Any:
