@@ -107,7 +107,8 @@ class ParametricFit(KernelFit):
 
     @cached_property
     def _errors(self) -> FloatArray:
-        return np.sqrt(np.maximum(np.diag(self.turned_covariance), 0.0))
+        own = np.diag(self.turned_covariance)
+        return np.sqrt(np.where(np.isnan(own), np.inf, np.maximum(own, 0.0)))
 
     @cached_property
     def _alike(self) -> FloatArray:
@@ -289,6 +290,11 @@ class ParametricFit(KernelFit):
     def samples(self, n: int, *, seed: int = 0) -> Iterator[Sample]:
         """Kernels as likely as the data make them, n of them: normal over the unknowns."""
         count, rng = _COUNT.check(n), np.random.default_rng(_SEED.check(seed))
+        if not np.isfinite(self.covariance).all():
+            raise InputError(
+                f"data: {self.measured.count} numbers, all taken by {self.theta.size} parameters, "
+                "do not tell their scatter: must be more"
+            )
         values, vectors = np.linalg.eigh((self.covariance + self.covariance.T) / 2)
         root = vectors * np.sqrt(np.maximum(values, 0))
         for _ in range(count):

@@ -41,7 +41,9 @@ class PronyFit(KernelFit):
     """A Prony series; see `KernelFit`.
 
     Its uncertainty is that of refits to data drawn around the fit with the scatter of the residuals
-    (parametric bootstrap), since weights at 0 have no normal distribution.
+    (parametric bootstrap), since weights at 0 have no normal distribution. That scatter is known as
+    well as the numbers beyond the terms that are not 0 tell it (Student's t); where there are none,
+    intervals are 0 to infinity, and there are no samples.
 
     Attributes
     ----------
@@ -110,6 +112,12 @@ class PronyFit(KernelFit):
         """Names of the parameters."""
         return ("modulus", "relaxed")
 
+    @property
+    def _free(self) -> int:
+        """Numbers beyond those that the fit took."""
+        known = self.measured.count + (self.given is not None)
+        return known - int(np.count_nonzero(self.found))
+
     @cached_property
     def _spread(self) -> FloatArray:
         """Moduli and relaxed moduli of refits, shape (n, 2)."""
@@ -119,6 +127,8 @@ class PronyFit(KernelFit):
     @cached_property
     def interval(self) -> dict[str, tuple[float, float]]:
         """95 % interval of each parameter."""
+        if self._free < 1:
+            return dict.fromkeys(self.names, (0.0, math.inf))
         low, high = np.quantile(self._spread, [0.025, 0.975], axis=0)
         return {k: (float(low[i]), float(high[i])) for i, k in enumerate(self.names)}
 
@@ -139,12 +149,17 @@ class PronyFit(KernelFit):
         size = said if self.weights == "model" else self.measured.target
         relative = (said - self.measured.target) / size
         m = self.measured.log_rates.size
-        free = max(1 - np.count_nonzero(self.found) / max(self.measured.count, 1), 0.1)
-        scatter = np.repeat(
-            [rms(relative[:m]), rms(relative[m:])], [m, relative.size - m]
-        ) / math.sqrt(free)
+        free, known = self._free, self.measured.count
+        if free < 1:
+            raise InputError(
+                f"data: {known} numbers, all taken by {np.count_nonzero(self.found)} parts of the "
+                "fit, do not tell their scatter: must be more"
+            )
+        scatter = np.repeat([rms(relative[:m]), rms(relative[m:])], [m, relative.size - m])
+        scatter *= math.sqrt(known / free)
         for _ in range(n):
-            drawn = said + size * scatter * rng.standard_normal(said.size)
+            unsure = math.sqrt(free / rng.chisquare(free))
+            drawn = said + size * scatter * unsure * rng.standard_normal(said.size)
             yield _solve(self.measured, self.grid, size, drawn, self.smooth, self.given)
 
     def samples(self, n: int, *, seed: int = 0) -> Iterator[Sample]:
@@ -212,6 +227,13 @@ def fit_prony(
         warnings.warn(
             "storage_weight = 0: loss alone does not constrain the relaxed modulus, nor with it "
             "the instantaneous one",
+            ConvergenceWarning,
+            stacklevel=3,
+        )
+    if fit._free < 1:
+        warnings.warn(
+            f"data: {measured.count} numbers, all taken by {np.count_nonzero(found)} parts of the "
+            "fit, do not tell how sure it is: no parameter is constrained",
             ConvergenceWarning,
             stacklevel=3,
         )
