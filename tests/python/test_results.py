@@ -49,6 +49,7 @@ RESULTS = {
     "motion with an estimate": _estimated,
     "motion with memory": lambda: vv.simulate(MOUNT, 5, dt=0.1, initial=[0.1, 0, 0, 0]),
     "ensemble": lambda: vv.simulate_ensemble(BODY, initial=np.full((3, 6), 0.01), t_end=5, dt=0.1),
+    "ensemble with an estimate": lambda: vv.simulate_ensemble(DUFFING, initial=[[0.1, 0]], t_end=5),
     "spectrum": lambda: vv.spectrum(_driven_motion()),
     "lines": lambda: vv.dominant_frequencies(_driven_motion(), count=2, coordinate="z"),
     "steady motions": lambda: vv.MultipleScales(BODY, tolerance=0.05).response("p1", [0.9, 1.0]),
@@ -131,8 +132,9 @@ PARTS = {
     "data": _modulus,
 }
 DRAWN = set(RESULTS) - {
-    "basins", "ensemble", "lines", "body modes", "mount forces", "modulation", "scales motion",
-    "beating motion", "master curve", "kramers kronig", "fit", "prony fit",
+    "basins", "ensemble", "ensemble with an estimate", "lines", "body modes", "mount forces",
+    "modulation", "scales motion", "beating motion", "master curve", "kramers kronig", "fit",
+    "prony fit",
 }  # fmt: skip
 #: Public classes that calls take or that hold others; all else is found, and a value.
 NOT_FOUND = [
@@ -243,6 +245,19 @@ def test_netcdf_holds_everything(named_result, tmp_path):
                 np.testing.assert_array_equal(read[key].values, array.values)
             else:
                 assert read[key].values.astype(str).tolist() == array.values.astype(str).tolist()
+
+
+def test_what_is_saved_says_how_sure_it_is(named_result):
+    """What a result tells of its error, and how it ended, is in its Dataset too."""
+    _, result = named_result
+    told = ("outcome", "error", "truncation", "error_estimate", "growth_error", "folds")
+    data = result.to_dataset()
+    for name in told:
+        value = getattr(result, name, None)
+        if value is None or callable(value):
+            continue
+        assert name in data or name in data.attrs, name
+        np.testing.assert_array_equal(data[name] if name in data else data.attrs[name], value)
 
 
 def test_a_difference_is_seen():

@@ -214,7 +214,12 @@ class Backbone(PeriodicMotions, Result):
                 "unit": ("dof", list(self.dof_units)),
                 "harmonic": self.harmonics,
             },
-            attrs={"outcome": self.outcome, "linear_mode": self.mode, "plan": str(self.plan)},
+            attrs={
+                "outcome": self.outcome,
+                "linear_mode": self.mode,
+                "folds": self.folds,
+                "plan": str(self.plan),
+            },
         )
 
     def _table(self, coordinates: Sequence[str] | None) -> Table:

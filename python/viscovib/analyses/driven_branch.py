@@ -215,6 +215,7 @@ class DrivenBranch(PeriodicMotions, Curve):
             "base": (("point", "axis"), self.base),
             "orders": (("order", "axis"), self.orders),
             "coefficients": (("point", "dof", "order"), self.coefficients),
+            "truncation": ("point", self.truncation),
         }
         if self.stable is not None:
             data["stable"] = ("point", self.stable)
@@ -474,6 +475,7 @@ def _branch(way: _Way, last: _Pass, plan: Plan) -> DrivenBranch:
         crossings=located_crossings(
             (n_crossings, kinds, crossed_after, crossed_at * unit),
             complex_coefficients(crossed_x[:, :n_crossings]),
+            None if growing is None else growing < 0,
         ),
         stops=np.flatnonzero(is_stop[:n_points]),
         outcome=OUTCOMES[ended],

@@ -165,8 +165,9 @@ def simulate_ensemble(
     surface = None
     if isinstance(sections, (str, Event)):
         surface, sections = (Event(sections) if isinstance(sections, str) else sections), None
-    members = members_of(system, initial, parameters, load, nu, method, surface, lyapunov)
-    exponents = _exponents(members, lyapunov)
+    some, all_of_them = _exponents(lyapunov)
+    members = members_of(system, initial, parameters, load, nu, method, surface, some)
+    exponents = 2 * len(members.dof_names) if all_of_them else int(some)
     place = SIDE_BY_SIDE.get(members.method_name, 0)
     wanted = Accuracy.checked(tolerance, rtol, atol, 1e-8)
     assert wanted is not None
@@ -268,13 +269,13 @@ def _plan(job: _Job, n_steps: int, sought: Accuracy | None, sections: bool, prel
     return Plan("\n".join(lines))
 
 
-def _exponents(members: Members, lyapunov: bool | str) -> int:
-    """How many exponents of each run are wanted."""
+def _exponents(lyapunov: object) -> tuple[bool, bool]:
+    """Whether exponents are wanted, and whether all of them."""
     if isinstance(lyapunov, str) and lyapunov == "all":
-        return 2 * len(members.dof_names)
+        return True, True
     if not isinstance(lyapunov, (bool, np.bool_)):
         raise InputError(f"lyapunov = {_native.shown(lyapunov)}: must be True, False or 'all'")
-    return int(lyapunov)
+    return bool(lyapunov), False
 
 
 def _spectrum(exponents: FloatArray | None, wanted: int) -> FloatArray | None:

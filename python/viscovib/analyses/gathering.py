@@ -39,7 +39,7 @@ def members_of(
     nu: float | None,
     method: str,
     surface: Event | None,
-    lyapunov: object,
+    lyapunov: bool,
 ) -> Members:
     """Check a system and what varies."""
     given = {} if parameters is None else _native.mapping("parameters", parameters)
@@ -53,7 +53,7 @@ def members_of(
             if value is not None:
                 raise InputError(f"{name}: a Pendulum has its loads in itself, must be None")
         return PendulumMembers(system, initial, given, method)
-    few = None if surface is not None else side_by_side(system, given, bool(lyapunov))
+    few = None if surface is not None else side_by_side(system, given, lyapunov)
     if few is None:
         if method == TAYLOR:
             raise InputError(

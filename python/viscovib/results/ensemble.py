@@ -154,6 +154,7 @@ class Ensemble(Result):
             data["spectrum"] = (("run", "exponent"), self.spectrum)
         coordinates: dict[str, Any] = {"quantity": names, "dof": list(self.dof_names)}
         coordinates |= {name: ("run", values) for name, values in self.parameters.items()}
-        return xr.Dataset(
-            data, coords=coordinates, attrs={"method": self.method, "plan": str(self.plan)}
-        )
+        attributes: dict[str, Any] = {"method": self.method, "plan": str(self.plan)}
+        if self.error is not None:
+            attributes["error"] = self.error
+        return xr.Dataset(data, coords=coordinates, attrs=attributes)

@@ -120,6 +120,12 @@ class AmplitudeFit(Value):
         """K' + i K'' (N/m) at circular frequencies (rad/s) and amplitudes (m), of one shape."""
         nu = _native.real_array("frequencies", frequencies)
         x = _native.real_array("amplitude", amplitude)
+        try:
+            np.broadcast_shapes(nu.shape, x.shape)
+        except ValueError:
+            raise InputError(
+                f"frequencies, amplitude: have shapes {nu.shape} and {x.shape}, must be of one"
+            ) from None
         total = self.modulus * (1 - self.kernel.transform(nu)) + np.zeros(x.shape)
         for k, s in zip(self.stiffness.tolist(), self.slip.tolist(), strict=True):
             total = total + jenkins_stiffness(x, stiffness=k, slip=s)
