@@ -1,5 +1,6 @@
 """Tables of measurements: what is read, what is refused and where."""
 
+import time
 from pathlib import Path
 
 import numpy as np
@@ -252,3 +253,27 @@ def test_pictures():
         assert len(draw(raw).lines) == 21
     assert vv.kramers_kronig(made(KERNELS["rabotnov"])).plot().get_xlabel()
     plt.close("all")
+
+
+def test_decimal_commas_between_commas_are_refused(tmp_path):
+    """They were read as 1, 5 and 2: a row has no more cells than there are names."""
+    text = "f,E',E''\nHz,MPa,MPa\n1,5,2,25,1,3\n2,5,3,25,1,5\n"
+    with pytest.raises(vv.InputError, match=r"csv:3: has 6 cells below 3 names of columns"):
+        vv.read_dma(table(tmp_path, text))
+    # Cells without anything in them are none.
+    same = vv.read_dma(table(tmp_path, "f;E';E''\nHz;MPa;MPa\n1;2;1;;\n2;3;1;\n"))
+    assert same.storage == pytest.approx([2e6, 3e6])
+
+
+@pytest.mark.parametrize("cell", ["1_0", "\uff11", "0x1", "1e", "1,2,3", "inf", "nan", "1 2"])
+def test_what_is_no_number_in_a_table(tmp_path, cell):
+    text = f"f;E';E''\nHz;MPa;MPa\n1;2;1\n{cell};3;1\n"
+    with pytest.raises(vv.InputError, match=r"csv:4: column 'f': .* is not a finite number"):
+        vv.read_dma(table(tmp_path, text))
+
+
+def test_brackets_without_end_take_no_time(tmp_path):
+    before = time.process_time()
+    with pytest.raises(vv.InputError):
+        vv.read_dma(table(tmp_path, f"f;{'tanh(' * 100_000};E''\nHz;MPa;MPa\n1;2;1\n"))
+    assert time.process_time() - before < 5

@@ -45,6 +45,10 @@ UNITS: dict[str, Mapping[str, float]] = {
     "label": {"-": 1.0, "1": 1.0, "": 1.0},
     "temperature": {"c": 1.0, "degc": 1.0, "k": 1.0, "degf": 1.0, "f": 1.0},
 }  # fmt: skip
+#: What Python takes for a number besides, as 1_0, is none.
+_NUMBER = re.compile(
+    r"[+-]?(?:(?:\d+[.,]?\d*|[.,]\d+)(?:e[+-]?\d+)?|nan|inf|infinity)", re.ASCII | re.IGNORECASE
+)
 #: Units that count cycles or radians, as the name of the column tells.
 _PER_TIME = ("1/s", "1/min")
 
@@ -100,7 +104,8 @@ def read_columns(
     ------
     InputError
         ``file:line: column 'name': what is wrong``: a cell that is no finite number, a column
-        without a unit or with one that is not known, two columns of one role.
+        without a unit or with one that is not known, two columns of one role. ``file:line`` of a
+        row with more cells than there are names, as of decimal commas between commas.
     FileError
         If the file cannot be read.
     """
@@ -118,6 +123,13 @@ def read_columns(
         body = body[1:]
     if not body:
         raise InputError(f"{name}: has no row of numbers")
+    for line, row in body:
+        filled = max((i for i, cell in enumerate(row, start=1) if cell.strip()), default=0)
+        if filled > len(names):
+            raise InputError(
+                f"{name}:{line}: has {filled} cells below {len(names)} names of columns, must have "
+                "no more; where commas separate columns numbers have a decimal point"
+            )
     places = _places(name, first, names, units, wanted, given or {})
     columns, spelt = {}, {}
     for column, place in places.items():
@@ -226,22 +238,18 @@ def _cell(name: str, line: int, column: str, row: Sequence[str], place: int) -> 
 
 
 def _is_number(text: str) -> bool:
-    try:
-        float(text.strip().replace(",", "."))
-    except ValueError:
-        return False
-    return True
+    return _NUMBER.fullmatch(text.strip()) is not None
 
 
 def _plain(name: str) -> str:
     """A name without its unit, case, blanks and punctuation that writers vary."""
-    text = re.sub(r"\[[^\]]*\]|\([^)]*\)", " ", name).lower()
+    text = re.sub(r"\[[^\[\]]*\]|\([^()]*\)", " ", name).lower()
     text = text.replace("’", "'").replace("′", "'").replace("″", "''").replace('"', "''")  # noqa: RUF001
     return re.sub(r"[\s_\-.]+", "", text)
 
 
 def _unit_within(name: str) -> str:
-    found = re.search(r"\[([^\]]*)\]|\(([^)]*)\)", name)
+    found = re.search(r"\[([^\[\]]*)\]|\(([^()]*)\)", name)
     return "" if found is None else (found[1] or found[2] or "")
 
 
