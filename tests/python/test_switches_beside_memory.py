@@ -60,6 +60,16 @@ def test_rates_much_faster_than_steps():
     np.testing.assert_allclose(run_of[0.1].state[-1], run_of[0.001].state[-1], atol=2e-10)
 
 
+def test_many_exponentials():
+    """Terms of equal rates count as one: all that a run keeps of them has room."""
+    split = vv.PronyKernel(weights=np.repeat(WEIGHTS, 24) / 24, rates=np.repeat(RATES, 24))
+    one, many = (run(rubber(kernel=kernel), dt=0.05) for kernel in (KERNEL, split))
+    np.testing.assert_allclose(many.state, one.state, atol=1e-12)
+    rest = vv.simulate(many.system, 16, resume=many, load=0)
+    after = vv.simulate(one.system, 16, resume=one, load=0)
+    np.testing.assert_allclose(rest.state, after.state, atol=1e-12)
+
+
 def test_goes_on_bit_for_bit_and_under_other_loads():
     """What is remembered goes on, too: as in one run under a load that changes."""
     system = rubber()

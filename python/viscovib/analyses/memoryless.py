@@ -194,7 +194,7 @@ def polynomial_runs(
     layers = ThinLayers()
     if system._active_kernels:
         warn_of_slow_mode(system)
-    hidden = n_hidden(system) if system._active_kernels else 0
+    hidden = n_hidden(system)
     job = (system._flat, orders, series, frequency, breaks, pieces, moves, layers, hidden, force)
     return partial(PolynomialRun.of_job, system, name, state, solved, job), steps
 
