@@ -6,8 +6,8 @@
 !!   dz_j/dd = g_j(z_j, way),   way = sign(d').
 !!
 !! As long as d does not turn back z thus depends on the change of d alone, and a whole step is
-!! exact however long it is. A new element is one file that extends this type, and one line of
-!! `viscovib_hysteresis_catalogue`.
+!! exact however long it is. An element of a user is one file that extends this type, named by the
+!! option `elements` of the build; one of the library is a case of `viscovib_hysteresis_catalogue`.
 module viscovib_hysteresis
   use viscovib_kinds, only: wp
   implicit none

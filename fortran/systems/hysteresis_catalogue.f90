@@ -5,13 +5,15 @@ module viscovib_hysteresis_catalogue
   use viscovib_hysteresis, only: hysteresis_type
   use viscovib_jenkins_element, only: jenkins_element, new_jenkins
   use viscovib_kinds, only: wp
+  use viscovib_user_elements, only: new_user_element
   implicit none
   private
 
   public :: new_hysteresis
 
-  !> What `state` of a law term may be.
-  integer, parameter, public :: state_jenkins = 1, state_bouc_wen = 2, state_dahl = 3
+  !> What `state` of a law term may be; users' elements are those beyond the last.
+  integer, parameter, public :: state_jenkins = 1, state_bouc_wen = 2, state_dahl = 3, &
+                                state_user = 1000
 
 contains
 
@@ -31,9 +33,11 @@ contains
     case (state_dahl)
       call new_dahl(dahl, numbers)
       allocate (element, source=dahl)
-    case default
+    case (state_jenkins)
       call new_jenkins(jenkins, numbers)
       allocate (element, source=jenkins)
+    case default
+      call new_user_element(element, kind - state_user, numbers)
     end select
   end subroutine new_hysteresis
 

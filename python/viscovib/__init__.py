@@ -87,6 +87,7 @@ _NAMES = {
     "systems.python_law": "PythonLaw",
     "systems.spring_groups": "Monomial Springs",
     "systems.structure": "Structure",
+    "systems.user_elements": "user_elements",
 }
 _MODULE = {name: module for module, names in _NAMES.items() for name in names.split()}
 
@@ -301,6 +302,7 @@ if TYPE_CHECKING:
         Springs as Springs,
     )
     from viscovib.systems.structure import Structure as Structure
+    from viscovib.systems.user_elements import user_elements as user_elements
 
     __version__: str
 

@@ -237,7 +237,7 @@ def element_terms(
         if not isinstance(element, Spring):
             raise InputError(
                 f"elements[{i}] = {_native.shown(element)}: must be a Spring, a Coupling, a "
-                "Jenkins, an Iwan, a BoucWen, a Dahl, a Gap or a Stop"
+                "Jenkins, an Iwan, a BoucWen, a Dahl, a Gap, a Stop or one of user_elements()"
             )
         e = direction_of(f"elements[{i}].on", element.on, len(names), places)
         program = element._program  # type: ignore[attr-defined]

@@ -23,6 +23,8 @@ class Hysteresis:
 
     #: What the core calls it.
     _state: ClassVar[int]
+    #: -1: the opposite path gives the opposite force, 0: it may give another.
+    _parity: ClassVar[int] = -1
     on: Any
 
     @property
@@ -39,7 +41,9 @@ class Hysteresis:
         """The element as the core takes it: a deflection, and its numbers."""
         numbers = self._numbers
         code = (_ARGUMENT, *[_NUMBER] * len(numbers))
-        return Law(type(self).__name__, ("d",), code, (1.0, *numbers), -1, state=self._state)
+        return Law(
+            type(self).__name__, ("d",), code, (1.0, *numbers), self._parity, state=self._state
+        )
 
     def loop(self, d: npt.ArrayLike) -> FloatArray:
         """Return the force over a cycle of deflections, straight between samples.

@@ -51,7 +51,8 @@ class Law:
     degree: int = 0
     #: How many of the arguments, the last ones, are rates of the others.
     n_rates: int = 0
-    #: What has hysteresis (1: Jenkins, 2: Bouc-Wen, 3: Dahl): its program only holds its numbers.
+    #: What has hysteresis (1: Jenkins, 2: Bouc-Wen, 3: Dahl, from 1001 on users'): its program only
+    #: holds its numbers.
     state: int = 0
     #: Functions of Python that it calls.
     calls: tuple[CalledLaw, ...] = ()

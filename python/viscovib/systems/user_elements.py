@@ -1,0 +1,95 @@
+"""Elements with hysteresis of users, which the option ``elements`` of the build names."""
+
+from dataclasses import make_dataclass
+from functools import cache
+from keyword import iskeyword
+from typing import Any
+
+import numpy as np
+
+from viscovib import _native
+from viscovib._native import core
+from viscovib.errors import InputError
+from viscovib.systems.friction import Hysteresis
+
+
+class _UserElement(Hysteresis):
+    """An element of which the core knows everything but its names."""
+
+    _names: tuple[str, ...]
+
+    def __post_init__(self) -> None:
+        for name in self._names:
+            object.__setattr__(self, name, _native.number(name, getattr(self, name)))
+        _native.call(core.check_user_element, self._state, np.array(self._numbers))
+        if not np.isfinite(self._stiffness_at_rest):
+            raise InputError(f"{type(self).__name__}: its stiffness at rest is no finite number")
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        values = {name: getattr(self, name) for name in ("on", *self._names)}
+        return _made, (type(self).__name__, values)
+
+    @property
+    def _numbers(self) -> tuple[float, ...]:
+        return tuple(getattr(self, name) for name in self._names)
+
+    @property
+    def _stiffness_at_rest(self) -> float:
+        return float(core.hysteresis_at_rest(self._state, np.array(self._numbers)))
+
+
+@cache
+def _classes() -> dict[str, type[Hysteresis]]:
+    found: dict[str, type[Hysteresis]] = {}
+    for number in range(1, core.count_user_elements() + 1):
+        state, odd, text = core.describe_user_element(number)
+        name, *names = text.decode().split()
+        bad = [one for one in names if not one.isidentifier() or iskeyword(one) or one[0] == "_"]
+        if bad or len({"on", *names}) <= len(names):
+            raise InputError(
+                f"{name}_parameters = {' '.join(names)!r}: must be names that Python can take, each "
+                "once, none of them 'on'"
+            )
+        found[name] = make_dataclass(
+            name,
+            [("on", Any), *((one, float) for one in names)],
+            bases=(_UserElement,),
+            namespace={
+                "_state": int(state),
+                "_parity": -1 if odd else 0,
+                "_names": tuple(names),
+                "__doc__": f"An element of yours: {name}(on, {', '.join(names)}).",
+                "__module__": __name__,
+            },
+            frozen=True,
+            kw_only=True,
+            eq=False,
+        )
+    return found
+
+
+def _made(name: str, values: dict[str, Any]) -> Hysteresis:
+    element = _classes().get(name)
+    if element is None:
+        raise InputError(f"the element {name} is not built into this viscovib")
+    return element(**values)
+
+
+def user_elements() -> dict[str, type[Hysteresis]]:
+    """Return the elements with hysteresis that users have added to this build, by name.
+
+    Each is a class like `Jenkins`, with the numbers that its Fortran file names. Structures,
+    branches, motions in time, ensembles and ``vary=`` take it.
+
+    Returns
+    -------
+    dict
+        Classes by the names of their files; empty in a build without such.
+
+    Examples
+    --------
+    >>> import viscovib as vv
+    >>> sorted(vv.user_elements()) in ([], ["ratchet"])
+    True
+    """
+    return dict(_classes())
