@@ -62,7 +62,7 @@ def test_its_class():
     assert repr(pickle.loads(pickle.dumps(element))) == repr(element)
     with pytest.raises(vv.InputError, match=r"^back = -1: must be greater than 0$"):
         ratchet(back=-1)
-    with pytest.raises(vv.InputError, match="^ahead = 'a': must be a real number"):
+    with pytest.raises(vv.InputError, match=r"^ahead = 'a': must be a real number"):
         ratchet(ahead="a")
 
 

@@ -47,8 +47,8 @@ def _classes() -> dict[str, type[Hysteresis]]:
         bad = [one for one in names if not one.isidentifier() or iskeyword(one) or one[0] == "_"]
         if bad or len({"on", *names}) <= len(names):
             raise InputError(
-                f"{name}_parameters = {' '.join(names)!r}: must be names that Python can take, each "
-                "once, none of them 'on'"
+                f"{name}_parameters = {' '.join(names)!r}: must be names that Python can take, "
+                "each once, none of them 'on'"
             )
         found[name] = make_dataclass(
             name,
