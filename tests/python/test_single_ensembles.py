@@ -302,3 +302,22 @@ def test_last_states_are_those_at_the_end(monkeypatch, every, held):
         run = vv.simulate(system, 5, initial=start, **load)
         assert last.tolist() == run.state[-1].tolist()
         assert peak == pytest.approx(np.abs(run(np.linspace(1, 5, 4001))).max(axis=0), rel=1e-5)
+
+
+def test_a_structure_is_built_once(monkeypatch):
+    """Members that differ by their starts and loads share its equations."""
+    from viscovib.systems import whole
+
+    built, make = [], whole.PolynomialSystem
+    monkeypatch.setattr(whole, "PolynomialSystem", lambda **given: built.append(1) or make(**given))
+    slider = vv.Structure(
+        mass=[1.0], stiffness=[1.0], damping=[0.1],
+        elements=[vv.Jenkins(on="x1", stiffness=2.0, limit=0.3)],
+    )  # fmt: skip
+    starts = np.linspace(0, 1, 8)[:, np.newaxis] * [1.0, 0.5]
+    given = {"load": [0.5], "nu": 1.1, "dt": 0.2}
+    many = vv.simulate_ensemble(slider, initial=starts, t_end=6.0, **given)
+    assert len(built) == 1
+    for start, end in zip(starts, many.state, strict=True):
+        alone = vv.simulate(slider, 6.0, initial=start, **given)
+        assert alone.state[-1].tobytes() == end.tobytes()

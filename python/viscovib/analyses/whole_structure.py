@@ -34,6 +34,7 @@ from viscovib.systems.structure_matrices import dense_of
 from viscovib.systems.whole import (
     has_text_laws,
     n_hidden,
+    once_each,
     shares_switches,
     switches,
     whole_system,
@@ -60,7 +61,7 @@ def goes_whole(
         told = f"is for structures of at most {MAX_SECTIONS} coordinates, has {n}"
     elif system._reduced is not None:
         told = "is for structures that are not reduced"
-    elif not _all_has_mass(dense_of(system.mass)):
+    elif not _all_has_mass(system):
         told = "is for structures all of whose coordinates have mass"
     elif (lacks := _lacks_exponentials(system)) is not None:
         told = lacks
@@ -82,6 +83,7 @@ def goes_whole(
     return False
 
 
+@once_each
 def _lacks_exponentials(structure: Structure) -> str | None:
     """Say what keeps memory from being so many exponentials; None: nothing."""
     if not structure._all_kernels:
@@ -103,8 +105,10 @@ def _lacks_exponentials(structure: Structure) -> str | None:
     return None
 
 
-def _all_has_mass(mass: FloatArray) -> bool:
-    """Whether a mass matrix is positive definite, but for rounding, as the core decides it."""
+@once_each
+def _all_has_mass(structure: Structure) -> bool:
+    """Whether the mass matrix is positive definite, but for rounding, as the core decides it."""
+    mass = dense_of(structure.mass)
     if not np.all(np.diag(mass) > 0):
         return False
     try:

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Callable
+from functools import wraps
+from typing import Any, TypeVar
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
@@ -18,7 +21,26 @@ from viscovib.systems.refined_modes import refined_modes
 from viscovib.systems.structure import Structure
 from viscovib.systems.structure_matrices import dense_of, with_elements
 
+_Told = TypeVar("_Told")
 
+
+def once_each(function: Callable[[Structure], _Told]) -> Callable[[Structure], _Told]:
+    """Let a function remember what it told of a structure, as long as that lives.
+
+    Runs of an ensemble differ by their starts and loads, and ask the same of one structure.
+    """
+    known: WeakKeyDictionary[Structure, _Told] = WeakKeyDictionary()
+
+    @wraps(function)
+    def told(structure: Structure) -> _Told:
+        if structure not in known:
+            known[structure] = function(structure)
+        return known[structure]
+
+    return told
+
+
+@once_each
 def switches(structure: Structure) -> bool:
     """Whether some law has kinks or jumps, or some element knows what was."""
     return any(law.state or law.branches for law in _laws_of(structure))
@@ -32,6 +54,7 @@ def has_kinks(system: object) -> bool:
     return any(law.state or law.branches for group in groups for _, law in group.laws)
 
 
+@once_each
 def shares_switches(structure: Structure) -> bool:
     """Whether a law that switches with a rate is on the deflection of an element with a state.
 
@@ -51,6 +74,7 @@ def shares_switches(structure: Structure) -> bool:
     )
 
 
+@once_each
 def has_text_laws(structure: Structure) -> bool:
     """Whether some law is a function of deflections alone, which may be thinner than a step."""
     return any(not law.state for law in _laws_of(structure))
@@ -63,6 +87,7 @@ def _laws_of(structure: Structure) -> list[Law]:
     return laws
 
 
+@once_each
 def whole_system(structure: Structure) -> PolynomialSystem:
     """Return the same system in all its coordinates, its memory in the vector alone.
 
