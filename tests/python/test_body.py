@@ -636,3 +636,36 @@ def test_a_mode_moves(tmp_path):
         body.animate_mode(7)
     with pytest.raises(vv.InputError, match=r"must end in \.gif"):
         body.animate_mode(1, tmp_path / "mode.png")
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_moments_of_mounts(seed):
+    """Euler's law with mounts that hold rotations too, and all power that is lost."""
+    rng = np.random.default_rng(100 + seed)
+    kernel = vv.PronyKernel(weights=[0.2, 0.3], rates=[5.0, 300.0])
+    plain = random_body(rng, kernel=kernel, law=("2e10*d^3 + 1e7*d^2", None, "-1e9*d^3"))
+    mounts = []
+    for mount in plain.mounts:
+        held = rng.uniform(50, 500, 3) * (rng.random(3) < 0.7)
+        mounts.append(dataclasses.replace(mount, rotational_stiffness=tuple(held)))
+    body = vv.Body(mass=plain.body_mass, inertia=plain.inertia, mounts=mounts)
+    load = body.load(rng.normal(size=3) * 50, rng.normal(size=3) * 5, at=(0.1, -0.2, 0.3))
+    nu = body.modes().omega[:3] * 1.02
+    found = vv.forced_response(body, nu, load=load, method="newton")
+    told = body.mount_forces(found)
+    assert np.abs(told.moment).max() > 0
+    for i in np.flatnonzero(found.converged):
+        for k, order in enumerate(found.harmonics):
+            left = -((order * nu[i]) ** 2) * body.mass @ found.coefficients[i, :, k]
+            left = left - load * (order == 1)
+            for j, mount in enumerate(body.mounts):
+                force = mount.rotation @ told.force[i, j, :, k]
+                left[:3] += force
+                left[3:] += np.cross(np.asarray(mount.position), force)
+                left[3:] += mount.rotation @ told.moment[i, j, :, k]
+            assert np.abs(left).max() < 1e-8 * np.abs(load).max()
+        rates = 1j * nu[i] * found.coefficients[i, :, np.flatnonzero(found.harmonics == 1)[0]]
+        power = 0.5 * (load * rates.conj()).real.sum()
+        lost = told.lost_power[i].sum() + told.lost_in_turning[i].sum()
+        assert lost == pytest.approx(power, rel=1e-8)
+    assert found.converged.any()

@@ -193,5 +193,9 @@ def test_what_is_refused_says_why():
         run(rubber(kernel=many))
     with pytest.raises(vv.InputError, match="neither base nor held"):
         run(rubber(), held=[0.1, 0.0])
-    with pytest.raises(vv.InputError, match="has the methods auto, gauss8, and"):
+    with pytest.raises(vv.InputError, match="has the methods auto, gauss8, got method = "):
         run(rubber(), method="rk4")
+    # A wrong method is not the fault of a kernel.
+    for method in ("rk4", "foo", 3):
+        with pytest.raises(vv.InputError, match=f"got method = {method!r}$"):
+            run(rubber(kernel=singular), method=method)

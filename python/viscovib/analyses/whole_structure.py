@@ -12,7 +12,7 @@ from typing import Any, ClassVar, TypeGuard
 import numpy as np
 import numpy.typing as npt
 
-from viscovib._native import FloatArray
+from viscovib._native import FloatArray, shown
 from viscovib.analyses.memoryless import (
     IN_SECTIONS,
     MAX_DOF,
@@ -63,6 +63,10 @@ def goes_whole(
         told = "is for structures that are not reduced"
     elif not _all_has_mass(system):
         told = "is for structures all of whose coordinates have mass"
+    elif not (isinstance(method, str) and method in methods):
+        told = f"has the methods {', '.join(methods)}, got method = {shown(method)}"
+    elif not (isinstance(memory, str) and memory == "auto"):
+        told = f"has memory 'auto', got memory = {shown(memory)}"
     elif (lacks := _lacks_exponentials(system)) is not None:
         told = lacks
     elif n > MAX_DOF and coordinates is not None:
@@ -74,8 +78,6 @@ def goes_whole(
         )
     elif base is not None or held is not None:
         told = "takes neither base nor held"
-    elif not (isinstance(method, str) and method in methods) or memory != "auto":
-        told = f"has the methods {', '.join(methods)}, and memory 'auto'"
     if told is None:
         return True
     if any(element.law is not None and element.law.state for element in system._all_elements):

@@ -29,7 +29,7 @@ _FINE, _FINEST = 32, 512
 
 @dataclass(frozen=True, eq=False, repr=False)
 class MountForces(Result):
-    """Deflections and forces of mounts along their local axes, as Fourier coefficients.
+    """Deflections, forces and moments of mounts, local axes, as Fourier coefficients.
 
     Attributes
     ----------
@@ -44,6 +44,11 @@ class MountForces(Result):
     force : ndarray, shape (n, n_mounts, 3, n_harmonics)
         Of each mount against its deflection (N), the track of a fluid mount included, that of
         the orders kept.
+    rotation : ndarray, shape (n, n_mounts, 3, n_harmonics)
+        Rotation about the local axes (rad), as the body's.
+    moment : ndarray, shape (n, n_mounts, 3, n_harmonics)
+        Of each mount against its rotation (N m), by its ``rotational_stiffness``; the moment of
+        ``force`` about another place is not in it.
 
     Examples
     --------
@@ -63,6 +68,8 @@ class MountForces(Result):
     names: tuple[str, ...]
     deflection: ComplexArray
     force: ComplexArray
+    rotation: ComplexArray
+    moment: ComplexArray
 
     kind = "mount forces"
 
@@ -91,7 +98,10 @@ class MountForces(Result):
             {
                 "deflection": (over, self.deflection, {"units": "m"}),
                 "force": (over, self.force, {"units": "N"}),
+                "rotation": (over, self.rotation, {"units": "rad"}),
+                "moment": (over, self.moment, {"units": "N m"}),
                 "lost_power": (over[:3], self.lost_power, {"units": "W"}),
+                "lost_in_turning": (over[:3], self.lost_in_turning, {"units": "W"}),
             },
             coords={
                 "nu": ("nu", self.nu, {"units": "rad/s"}),
@@ -105,10 +115,21 @@ class MountForces(Result):
     def lost_power(self) -> FloatArray:
         """Mean power lost in each direction of each mount (W), shape (n, n_mounts, 3).
 
-        What is lost in turning, by the memory of rotational stiffness, is not in it.
+        What is lost in turning is not in it.
         """
-        rate = 1j * self.nu[:, None, None, None] * self.harmonics * self.deflection
-        return np.asarray(0.5 * (self.force * rate.conj()).real.sum(axis=-1))
+        return self._lost(self.force, self.deflection)
+
+    @property
+    def lost_in_turning(self) -> FloatArray:
+        """Mean power lost about each axis of each mount (W), shape (n, n_mounts, 3).
+
+        It is lost by the memory of rotational stiffness.
+        """
+        return self._lost(self.moment, self.rotation)
+
+    def _lost(self, force: ComplexArray, moved: ComplexArray) -> FloatArray:
+        rate = 1j * self.nu[:, None, None, None] * self.harmonics * moved
+        return np.asarray(0.5 * (force * rate.conj()).real.sum(axis=-1))
 
     def amplitude(self, name: str, harmonic: int = 1) -> FloatArray:
         """Force amplitudes of one mount along its local axes (N), shape (n, 3)."""
@@ -156,7 +177,15 @@ def mount_forces(
     for i, (mount, end) in enumerate(zip(mounts, ends, strict=True)):
         if mount.track is not None:
             f[:, i, mount.track.axis] += force[:, end - 1]
-    return MountForces(nu, orders, tuple(mount.name for mount in mounts), d, f)
+    turned = np.array([mount.rotation.T for mount in mounts])
+    rotation = np.einsum("iad,ndk->niak", turned, relative[:, 3:6])
+    moment = np.zeros_like(f)
+    for i, (mount, begin) in enumerate(zip(mounts, springs.first, strict=True)):
+        # Those that hold rotations stand behind the three directions, others have no spring.
+        held = np.flatnonzero(np.asarray(mount.rotational_stiffness))
+        moment[:, i, held] = force[:, begin + 3 : begin + 3 + held.size]
+    names = tuple(mount.name for mount in mounts)
+    return MountForces(nu, orders, names, d, f, rotation, moment)
 
 
 def _retained(kernel: Kernel, nu: FloatArray, orders: FloatArray) -> ComplexArray:
