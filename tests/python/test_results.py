@@ -375,3 +375,17 @@ def test_motions_without_an_estimate_say_so():
         assert run.error is None
         assert "error not estimated" in repr(run)
         assert "estimate of the error" in str(run.plan)
+
+
+#: Multiple scales know no units: their systems may be in any.
+UNITLESS = {"beating motion", "modulation", "scales motion", "steady motions"}
+
+
+@pytest.mark.parametrize("name", sorted(set(RESULTS) - UNITLESS))
+def test_coordinates_in_datasets_have_units(name):
+    """Wherever coordinates are an axis, their units stand along it."""
+    data = made(name).to_dataset()
+    if "dof" in data.dims:
+        assert data["unit"].dims == ("dof",)
+    if "run" in data.dims:
+        assert data["unit_of_quantity"].dims == ("quantity",)

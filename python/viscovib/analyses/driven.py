@@ -222,7 +222,11 @@ class DrivenResponse(Result):
             data["stable"] = ("point", self.stable)
         return xr.Dataset(
             data,
-            coords={"dof": list(_DOFS), "axis": list(self.axes)},
+            coords={
+                "dof": list(_DOFS),
+                "unit": ("dof", list(self.dof_units)),
+                "axis": list(self.axes),
+            },
             attrs={"varies": self.varies or "", "plan": str(self.plan)},
         )
 

@@ -226,7 +226,11 @@ class DrivenBranch(PeriodicMotions, Curve):
             data["growth"] = (("point", "multiplier"), self.growth)
         return xr.Dataset(
             data,
-            coords={"dof": list(self.dof_names), "axis": list(self.axes)},
+            coords={
+                "dof": list(self.dof_names),
+                "unit": ("dof", list(self.dof_units)),
+                "axis": list(self.axes),
+            },
             attrs={
                 "varies": self.varies,
                 "outcome": self.outcome,

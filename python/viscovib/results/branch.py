@@ -287,7 +287,11 @@ class Branch(PeriodicMotions, Curve):
             data["slowest"] = ("point", self.slowest)
         return xr.Dataset(
             data,
-            coords={"dof": list(self.dof_names), "harmonic": self.harmonics},
+            coords={
+                "dof": list(self.dof_names),
+                "unit": ("dof", list(self.dof_units)),
+                "harmonic": self.harmonics,
+            },
             attrs={"outcome": self.outcome, "folds": self.folds, "plan": str(self.plan)},
         )
 

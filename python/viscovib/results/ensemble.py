@@ -134,10 +134,11 @@ class Ensemble(Result):
         import xarray as xr
 
         names = [f"{d}{dot}" for d in self.dof_names for dot in ("", "_dot")]
+        time = {"units": self.system.time_unit}
         data: dict[str, Any] = {
             "state": (("run", "quantity"), self.state),
             "outcome": ("run", self.outcome),
-            "t_reached": ("run", self.t_reached),
+            "t_reached": ("run", self.t_reached, time),
         }
         for key in ("peak", "mean", "rms"):
             if (value := getattr(self, key)) is not None:
@@ -147,12 +148,21 @@ class Ensemble(Result):
         if self.sections is not None:
             data["sections"] = (("run", "point", "quantity"), self.sections)
         if self.section_times is not None:
-            data["section_times"] = (("run", "point"), self.section_times)
+            data["section_times"] = (("run", "point"), self.section_times, time)
         if self.lyapunov is not None:
             data["lyapunov"] = ("run", self.lyapunov)
         if self.spectrum is not None:
             data["spectrum"] = (("run", "exponent"), self.spectrum)
-        coordinates: dict[str, Any] = {"quantity": names, "dof": list(self.dof_names)}
+        kept = [self.system.dof_names.index(name) for name in self.dof_names]
+        own, rates = self.system.dof_units, self.system.rate_units
+        units = [own[i] for i in kept]
+        both = [unit for i in kept for unit in (own[i], rates[i])]
+        coordinates: dict[str, Any] = {
+            "quantity": names,
+            "unit_of_quantity": ("quantity", both),
+            "dof": list(self.dof_names),
+            "unit": ("dof", units),
+        }
         coordinates |= {name: ("run", values) for name, values in self.parameters.items()}
         attributes: dict[str, Any] = {"method": self.method, "plan": str(self.plan)}
         if self.error is not None:
