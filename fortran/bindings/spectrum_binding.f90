@@ -77,3 +77,17 @@ subroutine fit_residual(signal, n, lines, n_lines, mean, residual)
   call new_lines(fitted, lines, mean)
   call line_residual(signal, fitted, residual)
 end subroutine fit_residual
+
+!> Which part of a displacement has been folded to other frequencies, and whether that is told.
+subroutine aliased_part(u, v, n, step, share, told)
+  use, intrinsic :: iso_c_binding, only: c_double, c_int
+  use viscovib_aliased_share, only: aliased_share, is_aliased
+  implicit none
+  integer(c_int), intent(in) :: n
+  real(c_double), intent(in) :: u(n), v(n), step
+  real(c_double), intent(out) :: share
+  integer(c_int), intent(out) :: told
+  !f2py threadsafe
+  share = aliased_share(u, v, step)
+  told = merge(1, 0, is_aliased(share, n))
+end subroutine aliased_part

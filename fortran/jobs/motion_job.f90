@@ -1,5 +1,6 @@
 !> A motion in time of any system, and spectra of it.
 module viscovib_motion_job
+  use viscovib_aliased_share, only: aliased_share, is_aliased
   use viscovib_amplitude_spectrum, only: amplitude_spectrum
   use viscovib_fourier, only: check_length
   use viscovib_constants, only: pi
@@ -115,7 +116,7 @@ contains
     type(job_report), intent(out) :: report
     type(status_type), intent(out) :: status
     type(trajectory_type), target :: trajectory
-    character(len=:), allocatable :: method
+    character(len=:), allocatable :: folded, method
     integer :: kept
 
     call move(self, subject, trajectory, method, status)
@@ -142,7 +143,37 @@ contains
                                                      //show(trajectory%error)
     if (kept < 2) report%summary = report%summary//'; no spectrum: ' &
                                    //things(kept, 'state')//' from discard on, must be at least 2'
+    if (self%spectrum%wanted .and. kept >= 2) then
+      folded = aliases(self%spectrum, subject, trajectory, kept)
+      report%complete = report%complete .and. folded == ''
+      report%summary = report%summary//folded
+    end if
   end subroutine run
+
+  !> Coordinates that swing faster than the last `kept` states tell, by their velocities.
+  function aliases(self, subject, trajectory, kept) result(text)
+    type(spectrum_job), intent(in) :: self
+    type(subject_type), intent(in) :: subject
+    type(trajectory_type), intent(in) :: trajectory
+    integer, intent(in) :: kept
+    character(len=:), allocatable :: text
+    real(wp) :: share, step
+    integer :: first, i, row
+
+    text = ''
+    first = size(trajectory%t) - kept + 1
+    step = trajectory%t(2)
+    do i = 1, size(self%transformed)
+      row = trajectory%row_of(self%transformed(i))
+      share = aliased_share(trajectory%states(row, first:), trajectory%states(row + 1, first:), &
+                            step)
+      if (.not. is_aliased(share, kept)) cycle
+      text = text//'; states '//show(step)//' apart are too far for the spectrum of ' &
+             //trim(subject%coordinates(self%transformed(i)))//': by its velocity ' &
+             //show(nint(100.0_wp*min(share, 1.0_wp)))//' % of it swings at more than ' &
+             //show(pi/step)//' rad a unit of time, and stands at other frequencies'
+    end do
+  end function aliases
 
   !> Which events could not be found: their functions have no value anywhere on the way, or change
   !! too fast.

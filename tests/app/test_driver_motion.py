@@ -3,11 +3,13 @@
 import math
 import os
 import re
+import warnings
 
 import numpy as np
 import pytest
 import viscovib as vv
 from driver import GOOD, MOTION, check_failure, read_csv
+from viscovib.cli.commands import main
 
 
 @pytest.mark.parametrize(
@@ -283,3 +285,29 @@ def test_motions_that_begin_sliding_and_end_sticking(solve, tmp_path, form):
         assert true[-1, 1] == 0
         assert table["x"] == pytest.approx(true[:, 0], abs=1e-9)
         assert table["x_dot"] == pytest.approx(true[:, 1], abs=1e-8)
+
+
+@pytest.mark.parametrize(("every", "aliased"), [(1, False), (10, True)])
+def test_a_spectrum_of_states_too_far_apart(solve, tmp_path, every, aliased):
+    """10 rad/s in states 0.5 apart stands at 2.57 rad/s: driver and Python say so."""
+    scene = tmp_path / "alias.nml"
+    scene.write_text(
+        "&system coordinates='x', mass=1, stiffness=100, damping=0.001 /\n"
+        f"&transient initial=1, 0, t_end=100, dt=0.05, save_every={every} /\n"
+        "&spectrum coordinates='x' /\n"
+    )
+    result = solve(scene, "--out", tmp_path)
+    assert result.returncode == int(aliased)
+    told = "states 0.5 apart are too far for the spectrum of x: by its velocity 100 %"
+    assert (told in result.stdout) == aliased
+    with warnings.catch_warnings(record=True) as heard:
+        warnings.simplefilter("always")
+        found = vv.run(scene)
+    assert found.spectrum.complete == (not aliased)
+    assert found.spectrum.aliased == (("x",) if aliased else ())
+    begins = [str(one.message).partition(":")[0] for one in heard]
+    assert begins == ["states 0.5 apart are too far for x"] * aliased
+    own = tmp_path / "own.csv"
+    found.spectrum_to_csv(own)
+    assert own.read_bytes() == (tmp_path / "alias_spectrum.csv").read_bytes()
+    assert main(["run", str(scene), "--out", str(tmp_path / "cli"), "--quiet"]) == int(aliased)

@@ -460,3 +460,33 @@ def test_a_constant_has_no_lines(value):
     found = vv.dominant_frequencies(np.full(100, value), 0.1)
     assert found.omega.size == 0
     assert found.mean == value
+
+
+def test_what_is_folded_is_told_by_velocities():
+    """Random tones, some beyond the rate of the samples: the core's share by NumPy's transforms."""
+    from viscovib._native import core
+
+    rng = np.random.default_rng(5)
+    verdicts = []
+    for _ in range(40):
+        n, step = int(rng.integers(16, 400)), rng.uniform(0.01, 2)
+        top = np.pi / step
+        omega = np.r_[rng.uniform(0.05, 0.6) * top, rng.uniform(1.2, 3) * top]
+        size = np.r_[1.0, rng.choice([0.0, 1e-3, 0.3])]
+        phase = rng.uniform(0, 6, 2)
+        t = step * np.arange(n)[:, np.newaxis]
+        u = np.sin(omega * t + phase) @ size + rng.normal()
+        v = np.cos(omega * t + phase) @ (omega * size)
+        x = np.pi * (np.arange(n) + 0.5) / n
+        window, slope = np.sin(x) ** 2, np.pi / (n * step) * np.sin(2 * x)
+        swing = u - window @ u / window.sum()
+        derived = 2j * np.pi * np.fft.rfftfreq(n, step) * np.fft.rfft(window * swing)
+        if n % 2 == 0:
+            derived[-1] = 0.0
+        missed = np.fft.irfft(derived, n) - slope * swing - window * v
+        expected = np.linalg.norm(missed) / (np.linalg.norm(window * swing) * 2 * np.pi / step)
+        share, told = core.aliased_part(u, v, step)
+        assert share == pytest.approx(expected, rel=1e-9, abs=1e-14)
+        if n > 60:
+            verdicts.append((bool(told), size[1] > 0.1))
+    assert all(told == folded for told, folded in verdicts)

@@ -12,10 +12,6 @@ from viscovib._native import ComplexArray, FloatArray, core
 from viscovib.errors import ConvergenceWarning, InputError
 from viscovib.results.trajectory import Trajectory
 
-#: A share of a motion that stands at other frequencies is told from here on; of n states the
-#: window leaves some 30/n^2 by itself.
-_ALIASED, _WINDOW = 0.01, 30.0
-
 
 @dataclass(frozen=True)
 class Signal:
@@ -25,6 +21,8 @@ class Signal:
     step: float
     start: float
     names: tuple[str, ...] | None
+    #: Coordinates that swing faster than the samples tell.
+    aliased: tuple[str, ...] = ()
 
 
 def read_signal(
@@ -92,16 +90,18 @@ def _of_trajectory(
         )
     if not math.isfinite(float(np.abs(columns).max())) or float(np.abs(columns).max()) > 1e150:
         raise InputError("signal: values beyond 1e150 leave the range of numbers")
+    # The user's line: this, `read_signal`, the public function and the frame around it.
+    aliased = []
     for name in dict.fromkeys(one.removesuffix("_dot") for one in names):
-        # The user's line: this, `read_signal`, the public function and the frame around it.
-        tell_aliases(name, run.coordinate(name), run.coordinate(f"{name}_dot"), step, 6)
-    return Signal(columns, step, float(run.t[0]), names)
+        if tell_aliases(name, run.coordinate(name), run.coordinate(f"{name}_dot"), step, 6):
+            aliased.append(name)
+    return Signal(columns, step, float(run.t[0]), names, tuple(aliased))
 
 
-def tell_aliases(name: str, u: FloatArray, v: FloatArray, step: float, stacklevel: int) -> None:
+def tell_aliases(name: str, u: FloatArray, v: FloatArray, step: float, stacklevel: int) -> bool:
     """Warn of a coordinate that swings faster than its states tell, by its velocities."""
-    share = aliased_share(u, v, step)
-    if share > max(_ALIASED, _WINDOW / u.size**2):
+    share, told = core.aliased_part(u, v, step)
+    if told:
         warnings.warn(
             f"states {step:.4g} apart are too far for {name}: by its velocity "
             f"{100 * min(share, 1.0):.0f} % of it swings at more than {math.pi / step:.4g} rad/s, "
@@ -109,26 +109,7 @@ def tell_aliases(name: str, u: FloatArray, v: FloatArray, step: float, stackleve
             ConvergenceWarning,
             stacklevel=stacklevel,
         )
-
-
-def aliased_share(u: FloatArray, v: FloatArray, step: float) -> float:
-    """Return which part of a displacement has been folded to other frequencies.
-
-    Below the rate w_N = pi/step that samples tell, the derivative of the windowed displacement by
-    its spectrum is w v + w' u. A part of amplitude A beyond has been folded by a multiple of
-    2 w_N, and misses this by 2 w_N A at least.
-    """
-    n = u.size
-    x = np.pi * (np.arange(n) + 0.5) / n
-    window, slope = np.sin(x) ** 2, np.pi / (n * step) * np.sin(2 * x)
-    with np.errstate(over="ignore", invalid="ignore"):
-        swing = u - window @ u / window.sum()
-        spectrum = 2j * np.pi * np.fft.rfftfreq(n, step) * np.fft.rfft(window * swing)
-        if n % 2 == 0:
-            spectrum[-1] = 0.0
-        missed = np.fft.irfft(spectrum, n) - slope * swing - window * v
-        size = float(np.linalg.norm(window * swing)) * 2 * np.pi / step
-        return float(np.linalg.norm(missed)) / size if size > 0 else 0.0
+    return bool(told)
 
 
 def windowed(columns: FloatArray, window: int) -> tuple[ComplexArray, float]:

@@ -48,6 +48,9 @@ class Spectrum(Result):
         A name for each signal.
     plan : Plan
         What was computed, what was skipped and why.
+    aliased : tuple of str
+        Coordinates of a `Trajectory` that swing faster than the states kept tell, and stand at
+        other frequencies here; ``complete`` is then False.
 
     Examples
     --------
@@ -66,15 +69,25 @@ class Spectrum(Result):
     dt: float
     names: tuple[str, ...]
     plan: Plan
+    aliased: tuple[str, ...] = ()
 
     kind = "spectrum"
+
+    @property
+    def complete(self) -> bool:  # type: ignore[override]
+        """Whether no coordinate is known to swing faster than its states tell."""
+        return not self.aliased
 
     def _headline(self) -> str:
         return f"{things(self.omega.size, 'frequency', 'frequencies')} of {', '.join(self.names)}"
 
     def _scope(self) -> list[str]:
         width = self.omega[1] if self.omega.size > 1 else math.nan
-        return [f"omega: {span(self.omega)}, {width:.6g} apart; window {self.window}"]
+        lines = [f"omega: {span(self.omega)}, {width:.6g} apart; window {self.window}"]
+        if self.aliased:
+            names = ", ".join(self.aliased)
+            lines.append(f"states are too far apart for {names}: faster swings stand elsewhere")
+        return lines
 
     @property
     def amplitude(self) -> FloatArray:
@@ -184,6 +197,7 @@ def spectrum(
         noise_bandwidth=float(bandwidth),
         dt=step,
         names=names,
+        aliased=source.aliased,
         plan=Plan(
             f"computes: spectra of {', '.join(names)}, {things(n, 'sample')}, window {window}\n"
             "skips: negative frequencies (signals are real)"

@@ -195,6 +195,7 @@ def _run(options: argparse.Namespace) -> int:
         result.to_csv(tables[-1], i)
     wanting = "spectrum" in scene.groups and result.spectrum is None
     if result.spectrum is not None:
+        wanting = not result.spectrum.complete
         tables.append(options.out / f"{options.scene.stem}_spectrum.csv")
         result.spectrum_to_csv(tables[-1])
     if result.events is not None:
@@ -206,6 +207,8 @@ def _run(options: argparse.Namespace) -> int:
         _print_json(options, status, **_told(result), tables=tables, pictures=pictures)
     elif not options.quiet:
         print(f"{one_line(str(table))}: " + value.summary().replace("\n", "\n  "))
+        if wanting and result.spectrum is not None:
+            print("spectrum: " + result.spectrum.summary().replace("\n", "\n  "))
     return status
 
 

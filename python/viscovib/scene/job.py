@@ -17,6 +17,7 @@ from viscovib.analyses.backbones import Backbone
 from viscovib.analyses.driven_branch import DrivenBranch
 from viscovib.analyses.forced import forced_response
 from viscovib.analyses.periodic import trace_response
+from viscovib.analyses.signals import tell_aliases
 from viscovib.analyses.spectral import Spectrum, spectrum
 from viscovib.analyses.step_search import ends_alone
 from viscovib.analyses.transient import simulate
@@ -255,7 +256,13 @@ def _spectrum(scene: Scene, run: Trajectory) -> Spectrum | None:
         window=group["window"],
         names=tuple(run.dof_names[d] for d in wanted),
     )
-    return replace(found, plan=run.plan)
+    aliased = []
+    for d in wanted:
+        name, moved, rate = run.dof_names[d], run.state[kept, 2 * d], run.state[kept, 2 * d + 1]
+        # The warning is given one frame further down.
+        if tell_aliases(name, moved, rate, step, caller() + 1):
+            aliased.append(name)
+    return replace(found, plan=run.plan, aliased=tuple(aliased))
 
 
 def plan(scene: Scene | str | os.PathLike[str]) -> Plan:
