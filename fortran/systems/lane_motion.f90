@@ -93,11 +93,12 @@ contains
         motion%of_laws(d, :, :) = motion%of_laws(d, :, :) + motion%plain_laws(d, i)*by
       end do
     end do
-    allocate (motion%stiffness(n_lanes, n, n), motion%damping(n_lanes, n, n))
-    allocate (motion%weights(n_lanes, n, size(system%monomials)))
-    allocate (motion%law_weights(n_lanes, n, size(system%laws)))
-    allocate (motion%real_load(n_lanes, n, size(load%orders)))
-    allocate (motion%load(n_lanes, n, size(load%orders)))
+    ! Lanes without numbers stand still.
+    allocate (motion%stiffness(n_lanes, n, n), motion%damping(n_lanes, n, n), source=0.0_wp)
+    allocate (motion%weights(n_lanes, n, size(system%monomials)), source=0.0_wp)
+    allocate (motion%law_weights(n_lanes, n, size(system%laws)), source=0.0_wp)
+    allocate (motion%real_load(n_lanes, n, size(load%orders)), source=0.0_wp)
+    allocate (motion%load(n_lanes, n, size(load%orders)), source=0.0_wp)
   end subroutine new_lane_motion
 
   !> The numbers of a lane.

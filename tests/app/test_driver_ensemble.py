@@ -54,6 +54,16 @@ def test_collocation_side_by_side(solve, tmp_path):
     assert set(table["outcome"]) == {"step too large"}
 
 
+def test_power_series_of_functions_and_sums(solve, tmp_path):
+    """What a law sums up at its end is taken apart by Taylor's method alone."""
+    law = "x^3 + 0.3*(x + 2*x_dot)*x - 0.1*exp(0.1*x + 0.2)*x_dot^2 + sin(x)*cos(x)"
+    text = MANY.replace("x^3", law)
+    other = _run(solve, tmp_path, text)
+    table = _run(solve, tmp_path, text.replace("&ensemble ", "&ensemble method='taylor20' "))
+    for name in ("x", "x_dot"):
+        np.testing.assert_allclose(table[name], other[name], rtol=0, atol=2e-9)
+
+
 def test_power_series_side_by_side(solve, tmp_path):
     """The same by Taylor's method; a series that does not converge is told."""
     text = MANY.replace("&ensemble ", "&ensemble method='taylor20' ")
