@@ -60,7 +60,7 @@ contains
     type(status_type), intent(out) :: status
     if (c_rename(from//c_null_char, to//c_null_char) /= 0_c_int) then
       call remove_file(from)
-      call fail(status, status_io_error, 'file', to//': cannot be written (is it a folder?)')
+      call fail(status, status_io_error, 'file', to//': cannot be written (it is no regular file)')
     end if
   end subroutine replace_file
 

@@ -113,8 +113,12 @@ void viscovib_ignore_file_limit(void) { signal(SIGXFSZ, SIG_IGN); }
 /* 0, or not: it is there already, or cannot be made. */
 int viscovib_make_folder(const char *path) { return mkdir(path, 0777); }
 
-/* In one step; 0, or not. */
-int viscovib_replace(const char *from, const char *to) { return rename(from, to); }
+/* In one step; 0, or not. A device or a pipe keeps its place. */
+int viscovib_replace(const char *from, const char *to) {
+  struct stat told;
+  if (lstat(to, &told) == 0 && !S_ISREG(told.st_mode) && !S_ISLNK(told.st_mode)) return -1;
+  return rename(from, to);
+}
 
 /* One thread at a time makes plans: FFTW allows no more. Fortran has no lock that works on every
    system, and Python's is not held where the balance of a pendulum runs. */

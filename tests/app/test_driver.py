@@ -300,3 +300,16 @@ def test_several_scenes_and_the_largest_status(solve, tmp_path):
     check_failure(done, 2, "its tables would have the same names as those of", nothing)
     plans = solve(paper, branch, "--plan").stdout.splitlines()
     assert [line for line in plans if line.endswith(":")] == [f"{paper}:", f"{branch}:"]
+
+
+def test_a_pipe_in_the_place_of_a_table_stays(solve, tmp_path):
+    (tmp_path / "s.nml").write_text(
+        "&mount mass=1 inertia=0.1 offset=0.5 stiffness_x=10 stiffness_phi=2 /\n&modes /\n"
+    )
+    (tmp_path / "out").mkdir()
+    os.mkfifo(tmp_path / "out/s_modes.csv")
+    done = solve("s.nml", cwd=tmp_path)
+    assert done.returncode == 3
+    assert "s_modes.csv: cannot be written (it is no regular file)" in done.stderr
+    assert (tmp_path / "out/s_modes.csv").is_fifo()
+    assert len(list((tmp_path / "out").iterdir())) == 1

@@ -85,3 +85,46 @@ def test_a_bound_on_the_size_of_files_is_told(tmp_path):
     assert done.returncode == 3
     assert done.stderr.splitlines()[-1].endswith("cannot be written (File too large)")
     assert [path.name for path in tmp_path.rglob("*") if path.is_file()] == ["scene.nml"]
+
+
+BODY = vv.Body(
+    mass=10, inertia=(0.1, 0.1, 0.1),
+    mounts=[vv.MountPoint(name="foot", position=(0, 0, -0.1), stiffness=(1e5, 1e5, 2e5),
+                          rotational_stiffness=(1e3, 1e3, 1e3))],
+)  # fmt: skip
+WRITERS = {
+    "a.csv": lambda run, path: run.to_csv(path),
+    "a.nc": lambda run, path: run.to_netcdf(path),
+    "a.json": lambda _, path: vv.write_kernel(vv.AbelKernel(amplitude=0.1, alpha=0.3), path),
+    "a.npz": lambda _, path: vv.Structure(mass=[1.0], stiffness=[[1.0]]).write(path),
+    "a.html": lambda _, path: vv.report(BODY, path),
+    "a.gif": lambda run, path: vv.animate(run, path, frames=2),
+}
+
+
+@pytest.fixture(scope="module")
+def run():
+    return vv.simulate(vv.PolynomialSystem(mass=1, stiffness=1), 50, dt=0.1, initial=[1, 0])
+
+
+@pytest.mark.parametrize("name", WRITERS)
+def test_a_pipe_or_a_device_keeps_its_place(name, run, tmp_path):
+    """A file put in its place would be the end of it: of /dev/null for all who use it."""
+    os.mkfifo(tmp_path / name)
+    with pytest.raises(vv.FileError, match=r"cannot be written \(not a regular file\)"):
+        WRITERS[name](run, tmp_path / name)
+    assert (tmp_path / name).is_fifo()
+    assert [path.name for path in tmp_path.iterdir()] == [name]
+
+
+@pytest.mark.parametrize("name", WRITERS)
+def test_a_full_disk_is_told_and_leaves_nothing(name, run, tmp_path):
+    _, most = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (40, most))
+    try:
+        with pytest.raises(vv.FileError, match="cannot be written") as raised:
+            WRITERS[name](run, tmp_path / name)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (most, most))
+    assert str(raised.value).startswith(str(tmp_path))
+    assert not list(tmp_path.iterdir())

@@ -40,15 +40,27 @@ def bytes_of(path: str, largest: int, what: str) -> bytes:
     return content
 
 
+def check_place(target: Path) -> None:
+    """Refuse what is there and no file, link or folder: it would be replaced."""
+    try:
+        mode = target.lstat().st_mode
+    except (OSError, ValueError):
+        return
+    if not (stat.S_ISREG(mode) or stat.S_ISLNK(mode) or stat.S_ISDIR(mode)):
+        raise FileError(f"{target}: cannot be written (not a regular file)")
+
+
 @contextmanager
 def whole_file(path: str | os.PathLike[str], mode: str = "w") -> Iterator[IO[str]]:
     """Open a file beside ``path`` and put it in its place only when all is written.
 
-    What stands beside it is removed first, and not followed if it is a link.
+    What stands beside it is removed first, and not followed if it is a link. A device or a pipe is
+    refused: a file would take its place.
     """
     target = Path(FilePath("path").check(path))
     if not target.name:
         raise FileError(f"path = {str(target)!r}: is not a path of a file")
+    check_place(target)
     part = target.with_name(target.name + ".part")
     encoding = None if "b" in mode else "utf-8"
     with _WRITING.setdefault(target.absolute(), threading.Lock()):
