@@ -86,13 +86,10 @@ class PronyTerms(Value):
             )
         nu = Number("poisson", 0, 0.4999).check(poisson)
         rho = Number("density", above=0).check(density)
-        told = (
-            f"{self.times.size} Prony terms by viscovib: error of the modulus {self.error:.2g} "
-            f"from {1 / self.t_max / (2 * np.pi):.3g} to {1 / self.t_min / (2 * np.pi):.3g} Hz"
-        )
-        return {"abaqus": self._abaqus, "ansys": self._ansys, "ls-dyna": self._ls_dyna}[program](
-            told, nu, rho
-        )
+        if program == "ls-dyna":
+            return self._ls_dyna(nu, rho)
+        write = self._abaqus if program == "abaqus" else self._ansys
+        return write(self._told(self.error), nu, rho)
 
     def write(
         self,
@@ -106,6 +103,12 @@ class PronyTerms(Value):
         text = self.text(program, poisson=poisson, density=density)
         with whole_file(path) as file:
             file.write(text)
+
+    def _told(self, error: float) -> str:
+        return (
+            f"{self.times.size} Prony terms by viscovib: error of the modulus {error:.2g} "
+            f"from {1 / self.t_max / (2 * np.pi):.3g} to {1 / self.t_min / (2 * np.pi):.3g} Hz"
+        )
 
     def _young(self, nu: float) -> float:
         return self.modulus * (2 * (1 + nu) if self.quantity == "G" else 1.0)
@@ -138,7 +141,8 @@ class PronyTerms(Value):
             lines.append(f"TBDATA,{first + 1},{values}")
         return "\n".join(lines) + "\n"
 
-    def _ls_dyna(self, told: str, nu: float, rho: float) -> str:
+    def _ls_dyna(self, nu: float, rho: float) -> str:
+        """Fields of ten characters, whose rounding adds to the error that is told."""
         if self.times.size > _LS_DYNA_MOST - 1:
             raise InputError(
                 f"terms: {self.times.size}, must be at most {_LS_DYNA_MOST - 1} for "
@@ -146,16 +150,30 @@ class PronyTerms(Value):
             )
         shear = self._young(nu) / (2 * (1 + nu))
         bulk = self._young(nu) / (3 * (1 - 2 * nu))
-        lines = [
-            f"$ {told}",
-            "*MAT_GENERAL_VISCOELASTIC",
-            f"{1:>10d}{rho:>10.4g}{bulk:>10.4g}{0:>10d}{0:>10d}{0:>10d}{0:>10d}{0:>10d}",
-            f"{0:>10d}" * 6,
-        ]
         g = np.concatenate([[self.relaxed], self.moduli]) * shear / self.modulus
         decay = np.concatenate([[0.0], 1 / self.times])
-        lines += [f"{a:>10.4g}{b:>10.4g}" for a, b in zip(g, decay, strict=True)]
+        rows = [(_field(a), _field(b)) for a, b in zip(g.tolist(), decay.tolist(), strict=True)]
+        kept = np.array([[float(a), float(b)] for a, b in rows])
+        s = 1j * np.geomspace(1 / self.t_max, 1 / self.t_min, 20 * self.times.size)[:, np.newaxis]
+        meant = (g * s / (s + decay)).sum(axis=1)
+        rounded = np.abs((kept[:, 0] * s / (s + kept[:, 1])).sum(axis=1) / meant - 1).max()
+        lines = [
+            f"$ {self._told(self.error + float(rounded))}",
+            "*MAT_GENERAL_VISCOELASTIC",
+            f"{1:>10d}{_field(rho)}{_field(bulk)}{0:>10d}{0:>10d}{0:>10d}{0:>10d}{0:>10d}",
+            f"{0:>10d}" * 6,
+        ]
+        lines += [a + b for a, b in rows]
         return "\n".join([*lines, "*END", ""])
+
+
+def _field(value: float) -> str:
+    """Return ten characters with a blank before as many digits of a number as fit."""
+    for digits in range(9, 0, -1):
+        text = f"{value:.{digits}g}".replace("e+0", "e+").replace("e-0", "e-")
+        if len(text) < 10:
+            break
+    return f"{text:>10}"
 
 
 def prony_terms(
