@@ -7,7 +7,7 @@ module viscovib_trajectory
   implicit none
   private
 
-  public :: trajectory_type, change_of, compare, hopeless
+  public :: trajectory_type, change_of, compare, hopeless, off_of
 
   !> What halving the step gains of errors where steps go over kinks of forces.
   real(wp), parameter :: gain_at_kinks = 4.0_wp
@@ -58,9 +58,20 @@ contains
     if (n > 0) change = max(change, maxval(abs(fine%states(:, :n) - coarse%states(:, :n))))
   end function change_of
 
-  !> Whether two runs that end agree. Where steps go over kinks they may be wrong alike: what a
-  !! kink spoils in a step depends on where in it it is, and has either sign. Then the run before,
-  !! in steps twice as long, differs from both, and its difference from the coarse one counts, too.
+  !> By how much two runs differ, of each row of states: where one stops by all of it.
+  pure function off_of(run, fine) result(off)
+    type(trajectory_type), intent(in) :: run, fine
+    real(wp) :: off(size(fine%states, 1))
+    if (run%outcome == run_completed .and. fine%outcome == run_completed) then
+      off = maxval(abs(fine%states - run%states), 2)
+    else
+      off = change_of(run, fine)
+    end if
+  end function off_of
+
+  !> Where steps go over kinks two runs may be wrong alike: what a kink spoils in a step depends on
+  !! where in it it is, and has either sign. Then the run before, in steps twice as long, differs
+  !! from both, and its difference from the coarse one counts, too.
   pure subroutine compare(coarse, fine, allowed, lost, change, met)
     type(trajectory_type), intent(in) :: coarse, fine
     !> Errors allowed in each row of states.
@@ -69,16 +80,12 @@ contains
     real(wp), allocatable, intent(inout) :: lost(:)
     real(wp), intent(inout) :: change
     logical, intent(inout) :: met
-    real(wp), allocatable :: off(:)
-    off = maxval(abs(fine%states - coarse%states), 2)
-    met = met .and. all(off <= allowed)
-    if (.not. fine%over_kinks) return
     met = met .and. allocated(lost)
     if (allocated(lost)) then
       met = met .and. all(lost <= allowed)
       change = max(change, maxval(lost))
     end if
-    lost = off/gain_at_kinks
+    lost = off_of(coarse, fine)/gain_at_kinks
   end subroutine compare
 
   !> Whether halving is vain, for chaos or rounding: two gain less than a digit. That two runs

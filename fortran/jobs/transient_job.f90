@@ -7,10 +7,11 @@ module viscovib_transient_job
   use viscovib_kinds, only: i8, wp
   use viscovib_limits, only: min_time_tolerance
   use viscovib_method_catalogue, only: new_stepper
+  use viscovib_run_maker, only: run_maker, transient_job
   use viscovib_simulate, only: run_completed, run_names, run_stopped, simulate
   use viscovib_status, only: fail, set_ok, show, status_input_error, status_type
   use viscovib_stepper, only: stepper_type
-  use viscovib_trajectory, only: change_of, compare, hopeless, trajectory_type
+  use viscovib_trajectory, only: change_of, compare, hopeless, off_of, trajectory_type
   use viscovib_watch, only: new_watch, renumbered
   implicit none
   private
@@ -18,7 +19,6 @@ module viscovib_transient_job
   public :: transient_job, trajectory_type, run_maker
   public :: run_transient, make_runs, first_steps, hopeless
 
-  real(wp), parameter :: rounding = 1.0e-15_wp
   !> Relative error of the time of a stop inside a step.
   real(wp), parameter, public :: located = 1.0e-12_wp
   !> Halvings of the step at most.
@@ -39,60 +39,11 @@ module viscovib_transient_job
   !! that are kept for it at most.
   real(wp), parameter :: peaks = 2.0e-3_wp, most_states = 1.0e5_wp
   integer, parameter :: most_parts = 64
-  !> Looks on the way to a last state, first steps between two, and how far runs of it may differ.
-  integer(i8), parameter :: most_looks = 24_i8, least_between = 16_i8
+  !> How far runs may differ on the way to a last state.
   real(wp), parameter :: one_motion = 1.0e-6_wp
   !> States that a run which stops keeps at least; halvings of the step by which these are made
   !! exact, before they are given up.
   integer, parameter :: states_at_stop = 100, halvings_at_stop = 6
-
-  type :: transient_job
-    !> (q_1, v_1, q_2, v_2, ...) at time 0.
-    real(wp), allocatable :: initial(:)
-    real(wp) :: t_end = 0.0_wp
-    !> Step, shortened to fit; 0: found by `tolerance`.
-    real(wp) :: dt = 0.0_wp
-    !> Wanted error of the states; 0: to rounding, where dt is given.
-    real(wp) :: tolerance = 1.0e-10_wp
-    !> Place in `transient_methods`.
-    integer :: method = 1
-    !> Steps between states kept.
-    integer :: save_every = 1
-    !> Keep the state at the end alone.
-    logical :: last_only = .false.
-    !> Wanted error relative to the largest value of each coordinate and velocity, on top
-    !! of `tolerance`, which may be 0 then.
-    real(wp) :: relative = 0.0_wp
-    !> Events to look for, as `new_watch` takes them; not allocated: none.
-    real(wp), allocatable :: watched(:)
-  contains
-    procedure :: allowed
-    procedure :: allowed_at_stop
-    procedure :: steps_apart
-    procedure :: solved
-  end type transient_job
-
-  !> What makes runs of one motion, with any number of steps.
-  type, abstract :: run_maker
-  contains
-    procedure(make_interface), deferred :: make
-    procedure :: align
-  end type run_maker
-
-  abstract interface
-
-    !> One run of n steps, keeping one state in save_every*thinning.
-    subroutine make_interface(self, job, n, thinning, trajectory, status)
-      import :: i8, run_maker, status_type, trajectory_type, transient_job
-      class(run_maker), intent(in) :: self
-      class(transient_job), intent(in) :: job
-      integer(i8), intent(in) :: n
-      integer, intent(in) :: thinning
-      type(trajectory_type), intent(out) :: trajectory
-      type(status_type), intent(out) :: status
-    end subroutine make_interface
-
-  end interface
 
   !> Runs of a system without memory.
   type, extends(run_maker) :: driven_runs
@@ -167,14 +118,8 @@ contains
       call maker%make(job, int(n, i8)*factor, factor, trajectory, status)
       if (status%failed() .or. trajectory%outcome == run_stopped) return
       call maker%align(coarse, trajectory)
-      change = max(change_of(coarse, trajectory), parted(maker, job, coarse, trajectory))
-      if (change < huge(1.0_wp) .and. trajectory%outcome == run_completed) then
-        met = .not. parted(maker, job, coarse, trajectory) > 0.0_wp
-        call compare(coarse, trajectory, job%allowed(trajectory%states), lost, change, met)
-      else
-        met = change <= job%allowed_at_stop(trajectory) &
-              .and. (trajectory%n_steps == 0 .or. trajectory%n_steps >= few)
-      end if
+      call judge(maker, job, int(n, i8), factor, coarse, trajectory, lost, change, met, status)
+      if (status%failed()) return
       if (met .and. trajectory%too_long > 1.0_wp) then
         ! Two runs agree that have both missed a layer.
         call shorten()
@@ -231,6 +176,42 @@ contains
 
   end subroutine make_runs
 
+  !> By how much a run differs from one in steps twice as long, and whether both are right. Runs that
+  !! agree may miss a kink alike that is beside an end of all their steps: one in a step more of
+  !! each first one has other ends.
+  subroutine judge(maker, job, n, factor, coarse, fine, lost, change, met, status)
+    class(run_maker), intent(in) :: maker
+    class(transient_job), intent(in) :: job
+    integer(i8), intent(in) :: n
+    integer, intent(in) :: factor
+    type(trajectory_type), intent(inout) :: coarse, fine
+    !> As of `compare`.
+    real(wp), allocatable, intent(inout) :: lost(:)
+    real(wp), intent(out) :: change
+    logical, intent(out) :: met
+    type(status_type), intent(out) :: status
+    type(trajectory_type) :: other
+    real(wp) :: allowed(size(fine%states, 1)), apart
+    call set_ok(status)
+    apart = parted(maker, job, coarse, fine)
+    change = max(change_of(coarse, fine), apart)
+    if (change < huge(1.0_wp) .and. fine%outcome == run_completed) then
+      allowed = job%allowed(fine%states)
+      met = .not. apart > 0.0_wp .and. all(off_of(coarse, fine) <= allowed)
+    else
+      allowed = job%allowed_at_stop(fine)
+      met = change <= allowed(1) .and. (fine%n_steps == 0 .or. fine%n_steps >= few)
+    end if
+    if (.not. fine%over_kinks) return
+    if (met .and. allocated(lost)) then
+      call maker%make(job, n*(factor + 1), factor + 1, other, status)
+      if (status%failed()) return
+      call maker%align(other, fine)
+      lost = max(lost, off_of(other, fine))
+    end if
+    call compare(coarse, fine, allowed, lost, change, met)
+  end subroutine judge
+
   !> By how much two runs that keep the last state alone differ on the way, where that tells that
   !! they are not one motion, else 0: those that pass through chaos may end alike by chance.
   real(wp) function parted(maker, job, coarse, fine) result(change)
@@ -251,13 +232,6 @@ contains
     allowed = max(job%allowed(other%states), one_motion*maxval(abs(other%states), 2))
     if (any(off > allowed)) change = maxval(off)
   end function parted
-
-  !> Tell states of a run by numbers that can be compared to those of another.
-  subroutine align(self, run, like)
-    class(run_maker), intent(in) :: self
-    type(trajectory_type), intent(inout) :: run, like
-    if (same_type_as(self, self) .and. size(run%t) == size(like%t)) return
-  end subroutine align
 
   !> Whether a run of n steps is affordable, before the first of them.
   subroutine check_work(job, n, status)
@@ -280,43 +254,6 @@ contains
                 //'kept, a shorter run or keep = ''last''')
     end if
   end subroutine check_work
-
-  !> Largest error allowed of a motion that stops: absolute of 1 or of a state that runs away.
-  pure real(wp) function allowed_at_stop(self, run) result(allowed)
-    class(transient_job), intent(in) :: self
-    type(trajectory_type), intent(in) :: run
-    real(wp) :: largest
-    largest = max(1.0_wp, maxval(abs(run%states)))
-    allowed = self%tolerance*largest + self%relative*max(largest, run%t_reached)
-  end function allowed_at_stop
-
-  !> Errors allowed in each row of states.
-  pure function allowed(self, states)
-    class(transient_job), intent(in) :: self
-    real(wp), intent(in) :: states(:, :)
-    real(wp) :: allowed(size(states, 1))
-    allowed = maxval(abs(states), 2)
-    ! A row that is hardly more than rounding of the others is not judged by itself.
-    allowed = self%tolerance + self%relative*max(allowed, 1.0e-6_wp*maxval(allowed))
-  end function allowed
-
-  !> Steps between states of n that are kept, or looked at on the way to the last of two runs.
-  pure integer(i8) function steps_apart(self, n, thinning)
-    class(transient_job), intent(in) :: self
-    integer(i8), intent(in) :: n
-    integer, intent(in) :: thinning
-    steps_apart = merge(max(least_between, n/thinning/most_looks), int(self%save_every, i8), &
-                        self%last_only)*thinning
-    if (self%last_only .and. self%dt > 0.0_wp) steps_apart = n + 1
-  end function steps_apart
-
-  !> Relative error with which equations of steps are solved where they are cheap.
-  pure real(wp) function solved(self)
-    class(transient_job), intent(in) :: self
-    solved = rounding
-    ! Where the step is found it alone shall decide the error.
-    if (self%dt > 0.0_wp) solved = max(0.1_wp*self%tolerance, rounding)
-  end function solved
 
   !> The accuracy wanted, as it was given.
   function told(job)

@@ -41,6 +41,27 @@ def test_errors_hold(law, behind):
     assert max(beyond) <= 1
 
 
+def test_a_kink_beside_the_end_of_all_steps():
+    """It is missed alike in steps h, h/2 and h/4: a run with other ends sees it."""
+    spring = vv.Spring(on="x1", law="4*abs(d - 0.1)*d")
+    run = simulated(spring, 0.396, tolerance=1e-6, memory="exponentials")
+    true = simulated(spring, 0.396, tolerance=1e-9)
+    assert np.abs(run.state - true.state).max() <= run.error
+
+
+@pytest.mark.parametrize("step", [0.1, 0.05])
+def test_errors_at_given_steps(step):
+    """Thirds of steps are looked at, too: of 40 motions halves alone tell some too small."""
+    spring = vv.Spring(on="x1", law="4*abs(d - 0.1)*d")
+    beyond = []
+    for load in 0.3 + 0.02 * np.arange(20):
+        true = simulated(spring, load, tolerance=1e-9)
+        run = simulated(spring, load, dt=step, estimate_error=True, memory="exponentials")
+        beyond.append(np.abs(run.state - true.state).max() / run.error)
+    assert "and thirds" in str(run.plan)
+    assert max(beyond) <= 1.5
+
+
 def test_smooth_laws_take_no_third_run():
     """A kink that is never met asks for one more; a law without kinks for none."""
     steps = [

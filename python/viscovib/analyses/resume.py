@@ -240,8 +240,11 @@ def go_on(
     result = run.steps(n, kept, progress)
     if not estimated:
         return result
-    finer = again(begun, 2)
-    fine = None if finer is None else finer.steps(2 * n, kept.finer(2), progress)
+
+    def fine(factor: int) -> Trajectory | None:
+        finer = again(begun, factor)
+        return None if finer is None else finer.steps(factor * n, kept.finer(factor), progress)
+
     return with_estimate(result, fine, "by a run in half steps from the first start on")
 
 

@@ -146,9 +146,22 @@ def told_in_one_way(run: Trajectory, like: Trajectory) -> Trajectory:
     return replace(run, state=told_like(run.state, like.state))
 
 
-def with_estimate(run: Trajectory, fine: Trajectory | None, how: str) -> Trajectory:
-    """The run with the error that another tells, in steps half as long; None: it stopped."""
-    change = math.inf if fine is None else difference(run, fine)
+def with_estimate(
+    run: Trajectory, make: Callable[[int], Trajectory | None], how: str
+) -> Trajectory:
+    """The run with the error that others tell; ``make(k)``: in k times the steps, None: it stopped.
+
+    Where steps go over kinks one beside the end of a step may be missed alike in halves of steps.
+    Thirds have other ends but those of whole steps.
+    """
+    factors = (2, 3) if run._resume is not None and run._resume.over_kinks else (2,)
+    finer = [make(factor) for factor in factors]
+    change = max(math.inf if fine is None else difference(run, fine) for fine in finer)
+    how = (
+        how
+        if len(factors) == 1
+        else how.replace("a run in half steps", "runs in half steps and thirds")
+    )
     error = max(change, rounding_of(run.state))
     return replace(run, error=error, _planned=partial(_plan_with_estimate, run, how))
 

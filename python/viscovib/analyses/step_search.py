@@ -95,18 +95,24 @@ def by_tolerance(
         fine = make(factor, parts)
         ends, ends_before = _every(fine, parts), _every(coarse, held)
         change = difference(ends_before, ends)
-        if "completed" == coarse.outcome == fine.outcome:
+        completed = "completed" == coarse.outcome == fine.outcome
+        if completed:
             parted = _parted(coarse, fine, want)
             agreed = not parted and agree(ends_before, ends, want)
             change = max(change, parted)
-            if _over_kinks(fine):
-                agreed = agreed and lost is not None
-                if lost is not None:
-                    agreed = agreed and bool((lost <= want.allowed(ends.state)).all())
-                    change = max(change, float(lost.max()))
+        else:
+            agreed = change <= _allowed_at_stop(ends, want) and not 0 < fine.stats["steps"] < _FEW
+        if _over_kinks(fine):
+            if agreed and lost is not None:
+                lost = np.maximum(lost, _off(make(factor + 1, 1), ends))
+            agreed = agreed and lost is not None
+            if lost is not None:
+                most = want.allowed(ends.state) if completed else _allowed_at_stop(ends, want)
+                agreed = agreed and bool((lost <= most).all())
+                change = max(change, float(lost.max()))
             # What the error of a run in steps half as long is, by its difference from this one.
-            off = np.abs(ends.state - told_in_one_way(ends_before, ends).state)
-            lost = off.max(axis=0) / _GAIN_AT_KINKS
+            lost = _off(ends_before, ends) / _GAIN_AT_KINKS
+        if completed:
             if agreed:
                 if _too_long(fine):
                     factor = _seeing(fine, factor, n, want)
@@ -135,7 +141,7 @@ def by_tolerance(
                     return _found(make(needed, needed), change, told)
                 before, coarse, held = ends_before, fine, parts
                 continue
-        elif change <= _allowed_at_stop(ends, want) and not 0 < fine.stats["steps"] < _FEW:
+        elif agreed:
             if _too_long(fine):
                 factor = _seeing(fine, factor, n, want)
                 before, coarse, held = ends_before, make(factor, parts), parts
@@ -166,9 +172,18 @@ def _over_kinks(run: Trajectory) -> bool:
 
     What a kink spoils in a step h is C h^p, and C depends on where in the step it is and has either
     sign: errors of runs in steps h and h/2 may be equal by chance. Then those in steps 2 h differ
-    from both, and what this difference tells of a run in steps h/2 is the other measure.
+    from both, and what this difference tells of a run in steps h/2 is the second measure. Beside
+    the end of a step of 2 h all three miss the kink alike: then a run in one step more of each
+    first step, whose ends are others, is the third.
     """
     return run._resume is not None and run._resume.over_kinks
+
+
+def _off(run: Trajectory, fine: Trajectory) -> FloatArray:
+    """By how much a run differs from another, by columns where both are whole."""
+    if "completed" == run.outcome == fine.outcome and run.state.shape == fine.state.shape:
+        return np.asarray(np.abs(fine.state - told_in_one_way(run, fine).state).max(axis=0))
+    return np.array([difference(run, fine)])
 
 
 def _parted(coarse: Trajectory, fine: Trajectory, want: Accuracy) -> float:

@@ -1,0 +1,109 @@
+!> What a motion in time is asked for, and what makes runs of one motion in any steps.
+module viscovib_run_maker
+  use viscovib_kinds, only: i8, wp
+  use viscovib_status, only: status_type
+  use viscovib_trajectory, only: trajectory_type
+  implicit none
+  private
+
+  public :: run_maker, transient_job
+
+  real(wp), parameter :: rounding = 1.0e-15_wp
+  !> Looks on the way to a last state, first steps between two.
+  integer(i8), parameter :: most_looks = 24_i8, least_between = 16_i8
+
+  type :: transient_job
+    !> (q_1, v_1, q_2, v_2, ...) at time 0.
+    real(wp), allocatable :: initial(:)
+    real(wp) :: t_end = 0.0_wp
+    !> Step, shortened to fit; 0: found by `tolerance`.
+    real(wp) :: dt = 0.0_wp
+    !> Wanted error of the states; 0: to rounding, where dt is given.
+    real(wp) :: tolerance = 1.0e-10_wp
+    !> Place in `transient_methods`.
+    integer :: method = 1
+    !> Steps between states kept.
+    integer :: save_every = 1
+    !> Keep the state at the end alone.
+    logical :: last_only = .false.
+    !> Wanted error relative to the largest value of each coordinate and velocity, on top
+    !! of `tolerance`, which may be 0 then.
+    real(wp) :: relative = 0.0_wp
+    !> Events to look for, as `new_watch` takes them; not allocated: none.
+    real(wp), allocatable :: watched(:)
+  contains
+    procedure :: allowed
+    procedure :: allowed_at_stop
+    procedure :: steps_apart
+    procedure :: solved
+  end type transient_job
+
+  !> What makes runs of one motion, with any number of steps.
+  type, abstract :: run_maker
+  contains
+    procedure(make_interface), deferred :: make
+    procedure :: align
+  end type run_maker
+
+  abstract interface
+
+    !> One run of n steps, keeping one state in save_every*thinning.
+    subroutine make_interface(self, job, n, thinning, trajectory, status)
+      import :: i8, run_maker, status_type, trajectory_type, transient_job
+      class(run_maker), intent(in) :: self
+      class(transient_job), intent(in) :: job
+      integer(i8), intent(in) :: n
+      integer, intent(in) :: thinning
+      type(trajectory_type), intent(out) :: trajectory
+      type(status_type), intent(out) :: status
+    end subroutine make_interface
+
+  end interface
+
+contains
+
+  !> Tell states of a run by numbers that can be compared to those of another.
+  subroutine align(self, run, like)
+    class(run_maker), intent(in) :: self
+    type(trajectory_type), intent(inout) :: run, like
+    if (same_type_as(self, self) .and. size(run%t) == size(like%t)) return
+  end subroutine align
+
+  !> Largest error allowed of a motion that stops: absolute of 1 or of a state that runs away.
+  pure real(wp) function allowed_at_stop(self, run) result(allowed)
+    class(transient_job), intent(in) :: self
+    type(trajectory_type), intent(in) :: run
+    real(wp) :: largest
+    largest = max(1.0_wp, maxval(abs(run%states)))
+    allowed = self%tolerance*largest + self%relative*max(largest, run%t_reached)
+  end function allowed_at_stop
+
+  !> Errors allowed in each row of states.
+  pure function allowed(self, states)
+    class(transient_job), intent(in) :: self
+    real(wp), intent(in) :: states(:, :)
+    real(wp) :: allowed(size(states, 1))
+    allowed = maxval(abs(states), 2)
+    ! A row that is hardly more than rounding of the others is not judged by itself.
+    allowed = self%tolerance + self%relative*max(allowed, 1.0e-6_wp*maxval(allowed))
+  end function allowed
+
+  !> Steps between states of n that are kept, or looked at on the way to the last of two runs.
+  pure integer(i8) function steps_apart(self, n, thinning)
+    class(transient_job), intent(in) :: self
+    integer(i8), intent(in) :: n
+    integer, intent(in) :: thinning
+    steps_apart = merge(max(least_between, n/thinning/most_looks), int(self%save_every, i8), &
+                        self%last_only)*thinning
+    if (self%last_only .and. self%dt > 0.0_wp) steps_apart = n + 1
+  end function steps_apart
+
+  !> Relative error with which equations of steps are solved where they are cheap.
+  pure real(wp) function solved(self)
+    class(transient_job), intent(in) :: self
+    solved = rounding
+    ! Where the step is found it alone shall decide the error.
+    if (self%dt > 0.0_wp) solved = max(0.1_wp*self%tolerance, rounding)
+  end function solved
+
+end module viscovib_run_maker
