@@ -179,3 +179,31 @@ def test_memory_slower_than_any_exponential_is_told():
     r = vv.forced_response(slow, [0.5, 2.0], load=0.1, method="newton", stability=True)
     assert r.stable.all()
     assert not r.slowest.any()
+
+
+@pytest.mark.filterwarnings("ignore::viscovib.ConvergenceWarning")
+@pytest.mark.parametrize("seed", range(12))
+def test_the_error_of_a_response_counts_rounding(seed):
+    """One harmonic of a Duffing body or a linear one, down to dampings of 1e-9, in more digits."""
+    rng = np.random.default_rng(seed)
+    damping, linear = 10 ** rng.uniform(-9, -1), seed % 2 == 0
+    cubic, load = 0.0 if linear else rng.uniform(0.1, 2), damping * rng.uniform(0.3, 3)
+    body = vv.PolynomialSystem(mass=1, stiffness=1, damping=damping, forces=f"{cubic}*x^3")
+    nu = np.sort(
+        np.r_[rng.uniform(0.5, 2, 6), 1 + rng.uniform(-1, 1, 6) * 10 ** rng.uniform(-8, -2, 6)]
+    )
+    response = vv.forced_response(
+        body, nu, load=load, method="linear" if linear else "newton", harmonics=1, stability=False
+    )
+    found = np.flatnonzero(response.converged)
+    assert found.size > 6
+    for i in found:
+        begun = x = np.clongdouble(response.coefficient("x", 1)[i])
+        w, three = np.longdouble(nu[i]), np.longdouble(3 * cubic) / 4
+        z = 1 - w**2 + 1j * np.longdouble(damping) * w
+        for _ in range(8):
+            left = z * x + three * abs(x) ** 2 * x - np.longdouble(load)
+            # By d(|x|^2 x) = 2 |x|^2 dx + x^2 conj(dx).
+            a, b = z + 2 * three * abs(x) ** 2, three * x**2
+            x = x - (a.conjugate() * left - b * left.conjugate()) / (abs(a) ** 2 - abs(b) ** 2)
+        assert abs(x - begun) < 3 * response.error[i] * abs(x)

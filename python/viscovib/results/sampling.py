@@ -1,4 +1,4 @@
-"""Errors of periodic motions by the samples of their forces."""
+"""Errors of periodic motions by the samples of their forces, and by rounding."""
 
 from __future__ import annotations
 
@@ -28,6 +28,30 @@ def sampling_errors(
     (errors,) = _native.call_interruptibly(
         core.sampling_errors, cancel, *job, result.harmonics, p, np.asfortranarray(y.T), used,
         cancel,
+    )  # fmt: skip
+    return np.where(errors < 0, np.nan, errors)
+
+
+def rounding_errors(
+    result: Any, job: tuple[Any, ...], y: ComplexArray, *, linear: bool
+) -> FloatArray:
+    """Errors of the motions of a response as solutions of their equations, shape (n,).
+
+    ``job``: system and load as the core takes them; ``y``: motions relative to the base.
+    """
+    kept = result.harmonics
+    if linear:
+        # Those of the load alone, of any order.
+        kept = np.arange(kept.max() + 1, dtype=np.intc)
+        whole = np.zeros((*y.shape[:2], kept.size), dtype=complex)
+        whole[..., result.harmonics] = y
+        y = whole
+    used = np.searchsorted(kept, result.highest, side="right").astype(np.intc)
+    used[~np.isfinite(y).all(axis=(1, 2)) | (result.highest <= 0)] = 0
+    cancel = np.zeros(1, dtype=np.intc)
+    (errors,) = _native.call_interruptibly(
+        core.rounding_errors, cancel, *job, int(linear), kept, result.nu, np.asfortranarray(y.T),
+        used, cancel,
     )  # fmt: skip
     return np.where(errors < 0, np.nan, errors)
 
