@@ -70,6 +70,7 @@ TWO = {"mass": [1, 1], "stiffness": [1, 1]}
         (TWO | {"forces": {"x1": "x1^-1"}}, "must be defined around rest"),
         (TWO | {"forces": {"x1": "x1^x2"}}, "must be defined around rest"),
         (TWO | {"forces": {"x1": "1/x1"}}, "must be defined around rest"),
+        (TWO | {"forces": {"x1": "x1 / abs(x1)"}}, "u/abs(u) is sign(u) but for u = 0: write sign"),
         (TWO | {"forces": {"x1": "x1/0"}}, "it divides by 0"),
         (TWO | {"forces": {"x1": "2*"}}, "its end is found where a number, a name or"),
         (TWO | {"forces": {"x1": "1e999*x1^2"}}, "'1e999' is not a finite number"),

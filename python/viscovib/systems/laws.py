@@ -269,6 +269,13 @@ def called_law(
     return found
 
 
+def _told_sign(text: str) -> str:
+    """How to say a sign that is written as a quotient, if one may be."""
+    if "/abs(" not in text.replace(" ", ""):
+        return ""
+    return " (u/abs(u) is sign(u) but for u = 0: write sign)"
+
+
 def _refuse_edge(where: str, law: Law) -> None:
     """Refuse a law that has no value around rest, or no finite derivative there."""
     n = len(law.arguments)
@@ -277,6 +284,7 @@ def _refuse_edge(where: str, law: Law) -> None:
     if (np.abs(values) >= _WALL).any():
         raise InputError(
             f"{where} = {law.text!r}: must be defined around rest, where what it depends on is 0"
+            + _told_sign(law.text)
         ) from None
     if (np.abs(slopes[0]) >= _WALL).any():
         raise InputError(
