@@ -2,11 +2,12 @@
 !! derivatives.
 module viscovib_motion_norm
   use viscovib_kinds, only: wp
+  use viscovib_load, only: load_type
   use viscovib_oscillator, only: oscillator_type
   implicit none
   private
 
-  public :: newton_factors, weighted_norm
+  public :: newton_factors, share_of_motion, weighted_norm
 
   !> Factors of the derivatives in the last iteration, as `factorize` leaves them.
   type :: newton_factors
@@ -15,6 +16,9 @@ module viscovib_motion_norm
     !> Relative size of the last correction where rounding kept it above the tolerance; else 0.
     real(wp) :: rounding = 0.0_wp
   end type newton_factors
+
+  !> A motion that hardly is rounding of the base's.
+  real(wp), parameter :: least_share = epsilon(1.0_wp)
 
 contains
 
@@ -38,5 +42,34 @@ contains
     ! What is not a number may pass unseen through a maximum, but not through a sum.
     norm = norm + poison
   end function weighted_norm
+
+  !> What the size of a motion is of that relative to the base, x, 1 at most: errors are told of the
+  !! motion itself, which a base may leave at rest nearly while the springs follow it.
+  real(wp) function share_of_motion(system, load, factor, orders, x) result(share)
+    class(oscillator_type), intent(in) :: system
+    type(load_type), intent(in) :: load
+    !> Factor of the load.
+    real(wp), intent(in) :: factor
+    !> Those of x, shape (2 n_orders, n_dof).
+    integer, intent(in) :: orders(:)
+    real(wp), intent(in) :: x(:, :)
+    complex(wp) :: shift(size(x, 2))
+    real(wp) :: y(size(x, 1), size(x, 2)), relative
+    integer :: i, j
+
+    share = 1.0_wp
+    ! Of a structure its deflections are judged.
+    if (system%condensed .or. .not. load%moves_base()) return
+    y = x
+    do j = 1, size(load%orders)
+      i = findloc(orders, load%orders(j), 1)
+      if (i == 0) cycle
+      shift = factor*load%shift(system, j)
+      y(2*i - 1, :) = y(2*i - 1, :) + real(shift)
+      y(2*i, :) = y(2*i, :) + aimag(shift)
+    end do
+    relative = weighted_norm(system, x)
+    if (relative > 0.0_wp) share = max(least_share, min(1.0_wp, weighted_norm(system, y)/relative))
+  end function share_of_motion
 
 end module viscovib_motion_norm

@@ -6,7 +6,7 @@ module viscovib_newton_response
   use viscovib_harmonic_set, only: harmonic_set_type
   use viscovib_kinds, only: wp
   use viscovib_load, only: load_type
-  use viscovib_motion_norm, only: newton_factors, weighted_norm
+  use viscovib_motion_norm, only: newton_factors, share_of_motion, weighted_norm
   use viscovib_motion_stability, only: judge_type, new_judge
   use viscovib_newton_point, only: newton_point, point_from_rest
   use viscovib_oscillator, only: oscillator_type
@@ -85,7 +85,10 @@ contains
         cycle
       end if
       call keep(walk, ladder, i, response)
-      call response%allow(options, i, weighted_norm(system, walk%x))
+      associate (x => walk%x(:2*size(response%orders), :))
+        call response%allow(options, i, weighted_norm(system, x) &
+                            *share_of_motion(system, load, 1.0_wp, response%orders, x))
+      end associate
       call walk%advance(nu(i))
     end do
     if (options%stability) then

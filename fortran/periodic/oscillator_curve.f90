@@ -6,7 +6,7 @@ module viscovib_oscillator_curve
   use viscovib_harmonic_set, only: harmonic_set_type
   use viscovib_kinds, only: wp
   use viscovib_load, only: load_type
-  use viscovib_motion_norm, only: weighted_norm
+  use viscovib_motion_norm, only: share_of_motion, weighted_norm
   use viscovib_oscillator, only: oscillator_type
   use viscovib_oscillator_modes, only: least_loss
   use viscovib_order_rules, only: better_rung, max_vain, rung_for_next
@@ -38,6 +38,8 @@ module viscovib_oscillator_curve
     integer, private :: next_rung = 1
     !> Of the truncation; what it was with fewer orders, and additions in vain.
     real(wp), private :: tolerance = 0.0_wp, previous = huge(1.0_wp)
+    !> Of the motion just looked at (`share_of_motion`).
+    real(wp), private :: share = 1.0_wp
     integer, private :: vain = 0
   contains
     procedure :: equations
@@ -196,7 +198,11 @@ contains
       motion = reshape(x, shape(motion))
       call find_left_out(probe%balance, probe%compliance, self%system, motion, change, push, own, &
                          short)
+      self%share = share_of_motion(self%system, self%load, probe%balance%load_factor, &
+                                   self%balance%set%orders, motion)
     end associate
+    own = own/self%share
+    short = short/self%share
     pushed = reshape(push, [self%n])
   end subroutine left_out
 
@@ -209,8 +215,8 @@ contains
 
     again = .false.
     motion = reshape(x, shape(motion))
-    allowed = max(rounding, &
-                  self%ladder%allowed(self%tolerance, weighted_norm(self%system, motion)))
+    allowed = max(rounding/self%share, &
+                  self%ladder%allowed(self%tolerance, self%share*weighted_norm(self%system, motion)))
     if (truncation > allowed .and. self%rung < self%ladder%n_rungs) then
       if (truncation > 0.5_wp*self%previous .and. own <= allowed) self%vain = self%vain + 1
       again = self%vain < max_vain

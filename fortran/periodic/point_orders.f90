@@ -7,7 +7,7 @@ module viscovib_point_orders
   use viscovib_balance_ladder, only: balance_ladder_type
   use viscovib_kinds, only: wp
   use viscovib_load, only: load_type
-  use viscovib_motion_norm, only: newton_factors, weighted_norm
+  use viscovib_motion_norm, only: newton_factors, share_of_motion, weighted_norm
   use viscovib_newton_point, only: newton_point
   use viscovib_order_rules, only: better_rung, max_vain, rung_for_next
   use viscovib_oscillator, only: oscillator_type
@@ -49,7 +49,7 @@ contains
     !> Added to.
     integer, intent(inout) :: iterations
     real(wp), allocatable :: change(:, :)
-    real(wp) :: outside, previous, factor, allowed
+    real(wp) :: outside, previous, factor, allowed, share
     integer :: rung, next, m, n, vain
 
     rung = choice%rung
@@ -70,8 +70,11 @@ contains
       end associate
       choice%solved = rung
       ! No order brings the motion nearer than rounding lets it be known.
-      choice%truncation = max(choice%truncation, factors%rounding)
-      allowed = max(ladder%allowed(tolerance, weighted_norm(system, x)), factors%rounding)
+      share = share_of_motion(system, load, factor, ladder%rungs(rung)%balance%set%orders, x(:m, :))
+      choice%truncation = max(choice%truncation, factors%rounding)/share
+      outside = outside/share
+      allowed = max(ladder%allowed(tolerance, share*weighted_norm(system, x)), &
+                    factors%rounding/share)
       if (choice%truncation <= allowed .or. rung == ladder%n_rungs) exit
       if (choice%truncation > 0.5_wp*previous .and. outside <= allowed) vain = vain + 1
       if (vain >= max_vain) exit

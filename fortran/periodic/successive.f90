@@ -22,6 +22,7 @@ module viscovib_successive
   use viscovib_lanes, only: n_lanes
   use viscovib_linear_response, only: chunk_size, compliance_table
   use viscovib_load, only: load_type
+  use viscovib_motion_norm, only: share_of_motion
   use viscovib_oscillator, only: oscillator_type
   use viscovib_outcomes, only: outcome_converged, outcome_diverged, outcome_overflow, &
     outcome_singular, outcome_stalled, outcome_stopped
@@ -124,7 +125,7 @@ contains
       end if
       call nonlinear_force(work, system, set)
       call solve_lanes(work)
-      call judge_lanes(work, system, set, options, response, first)
+      call judge_lanes(work, system, load, set, options, response, first)
     end do
     call compliance_table(system, more%orders(m + 1:), response%nu(first:last), &
                           fraction(:, :, m + 1:), compliance(:, :, :, m + 1:), singular)
@@ -233,6 +234,9 @@ contains
         if (kinked) call kinked_tail(system, rows_of(response%coefficients(:, :, at)), &
                                      more%orders, found(lane), reach, short)
         back(lane) = (back(lane)*short + aliased(lane))/max(1.0_wp - response%rate(at), stagnant)
+        associate (x => response%coefficients(:, :, at))
+          whole(lane) = whole(lane)*share_of_motion(system, load, 1.0_wp, response%orders, rows_of(x))
+        end associate
         response%truncation(at) = max(found(lane)*reach, back(lane))/whole(lane)
       end do
     end do
@@ -252,9 +256,10 @@ contains
   !! radians weigh by inertia. With q the factor by which corrections shrink,
   !! the error left is about delta q/(1-q); both it and delta must meet the
   !! tolerance.
-  subroutine judge_lanes(work, system, set, options, response, first)
+  subroutine judge_lanes(work, system, load, set, options, response, first)
     type(block_type), intent(inout) :: work
     class(oscillator_type), intent(in) :: system
+    type(load_type), intent(in) :: load
     type(harmonic_set_type), intent(in) :: set
     type(response_options), intent(in) :: options
     type(response_type), intent(inout) :: response
@@ -304,7 +309,7 @@ contains
       if (rate < 1.0_wp) error = delta(l)*max(1.0_wp, rate/(1.0_wp - rate))
       if (.not. ieee_is_finite(poison(l))) then
         outcome = outcome_overflow
-      else if (error <= options%tolerance*norm(l) + options%least .and. rate < 1.0_wp) then
+      else if (error <= options%tolerance*seen(l) + options%least .and. rate < 1.0_wp) then
         outcome = outcome_converged
       else if (.not. norm(l) <= growth_limit*work%start_norm(l) .or. norm(l) > largest &
                .or. delta(l) > growth_limit*work%smallest(l)) then
@@ -324,8 +329,22 @@ contains
         cycle
       end if
       call store(work, l, response, i, outcome, rate)
-      call response%allow(options, i, norm(l))
+      call response%allow(options, i, seen(l))
     end do
+
+  contains
+
+    !> Size of the motion itself.
+    real(wp) function seen(lane)
+      integer, intent(in) :: lane
+      real(wp) :: x(2*size(set%orders), system%n_dof())
+      seen = norm(lane)
+      if (.not. load%moves_base()) return
+      x(1::2, :) = work%next(lane, 1, :, :)
+      x(2::2, :) = work%next(lane, 2, :, :)
+      seen = seen*share_of_motion(system, load, 1.0_wp, set%orders, x)
+    end function seen
+
   end subroutine judge_lanes
 
   !> Geometric mean of the last one or two factors between corrections.

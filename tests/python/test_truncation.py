@@ -246,3 +246,29 @@ def test_successive_approximations_tell_what_orders_and_samples_leave():
             ratios.append(true / (found.truncation[0] + 1e-10))
     assert len(ratios) > 25
     assert max(ratios) < 3
+
+
+def test_errors_are_told_of_the_motion_that_a_base_leaves_at_rest_nearly():
+    """Far above its resonance a body hardly moves, while its springs follow the whole base."""
+    rng = np.random.default_rng(11)
+    for _ in range(20):
+        c, swing = rng.uniform(0.3, 1), rng.uniform(0.4, 0.8)
+        system = vv.PolynomialSystem(
+            mass=1, stiffness=1, damping=0.02, forces=f"{c}*x^3 + {c / 5}*x^2", base_direction=[1]
+        )
+        nu = rng.uniform(10, 30)
+        true = vv.forced_response(
+            system, [nu], base=swing, method="newton", harmonics=25, tolerance=1e-12
+        )
+        found = [
+            vv.forced_response(system, [nu], base=swing, method=method, tolerance=1e-9)
+            for method in ("successive", "newton")
+        ]
+        found.append(vv.trace_response(system, (nu, 1.01 * nu), base=swing, tolerance=1e-9))
+        largest = abs(true.coefficients).max()
+        assert largest < 0.1 * swing
+        for run in found:
+            assert run.truncation[0] < 1e-9
+            kept = dict(zip(run.harmonics, run.coefficients[0, 0], strict=True))
+            for k, x in zip(true.harmonics, true.coefficients[0, 0], strict=True):
+                assert abs(x - kept.get(k, 0)) < 2e-9 * largest
