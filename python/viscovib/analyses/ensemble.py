@@ -99,7 +99,8 @@ def simulate_ensemble(
         atol + rtol times its largest of all runs (rtol 1e-13 to 1; atol 0 if not given).
     parameters : mapping of str to array_like, shape (n,)
         Numbers that vary, by name: of a pendulum e.g. {"p1": values}; of a polynomial system "nu",
-        "load_scale", "stiffness_scale" (of K, not of the linear part of laws), "damping_scale",
+        "load_scale", "stiffness_scale" (of K of all springs, those of ``springs`` too, not of the
+        linear part of laws), "damping_scale",
         "forces_scale" (of what is not linear) and its own ``parameters``; of a structure "nu",
         "load_scale" and numbers of elements, "elements[0].limit" or "elements[0].k3"; of a mount
         "nu", "load_scale" and its numbers. Parameters of smooth laws and numbers of elements go

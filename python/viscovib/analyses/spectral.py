@@ -41,7 +41,8 @@ class Spectrum(Result):
     window : str
     noise_bandwidth : float
         Equivalent noise bandwidth of the window in bins: divide abs(X)**2 / 2 by this and by the
-        bin width to get a power spectral density.
+        bin width to get a power spectral density (at half the sampling rate, which an even number
+        of samples has, twice that; not at 0, where the mean is).
     dt : float
         Sampling step.
     names : tuple of str

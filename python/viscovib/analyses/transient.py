@@ -128,7 +128,8 @@ def simulate(
         and ends; with ``dt`` given, states are kept at equal times all the same.
     held : array_like, shape (n_dof,), or Past
         Of a mount: displacement relative to the base held for all t < 0, or any motion before
-        it, which its springs remember; None: at rest.
+        it, which its springs remember; None: at rest. Without ``initial`` the body begins at this
+        displacement as it is, wherever a moving base is at t = 0.
     memory : {"auto", "exponentials", "direct"}
         Of a mount with kernels: "exponentials": each kernel as a sum of exponentials, at a cost
         that does not grow with time; "direct": all of the past at every step, exact for any
