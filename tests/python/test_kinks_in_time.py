@@ -1,5 +1,7 @@
 """Motion in time through the kinks and jumps of laws: steps end there, and keep their order."""
 
+import warnings
+
 import numpy as np
 import pytest
 import viscovib as vv
@@ -366,3 +368,14 @@ def test_contacts_are_as_right_as_they_say(law):
         )
         run = vv.simulate(system, t_end, initial=start, load=load, nu=nu, keep="last")
         assert np.abs(run.state[-1] - expected).max() < 3 * run.error + 1e-11, (stiff, gap)
+
+
+@pytest.mark.parametrize(
+    "law", ["sin(1.5*sign(x))", "0.3*sin(1.5*sign(x))", "tanh(2*sign(x - 0.2))"]
+)
+def test_jumps_are_no_layers(law):
+    """Steps end on what jumps over 0 inside a function: nothing is warned of at a given step."""
+    system = vv.PolynomialSystem(mass=1, stiffness=1, damping=0.1, forces=law)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert vv.simulate(system, 10, initial=[1, 0], dt=0.05).outcome == "completed"

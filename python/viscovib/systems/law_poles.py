@@ -31,6 +31,9 @@ _GROWTH, _HALVINGS, _NEAREST, _TOUCHING = 1.15, 12, 1e4, 1e-6
 _DOUBLINGS = 40
 #: Of what is added, parts that count as rounding.
 _CANCELLED = 1e-13
+#: Beside a zero, a part of a way; what an operand has there that jumps over 0, as a part of it
+#: at the ends.
+_BESIDE, _JUMPED = 1e-9, 1e-3
 #: Parts of a straight way on which places are looked for.
 _GRID = np.linspace(0.0, 1.0, 41)
 #: Half widths of layers that are looked for, and the largest, in parts of the way between states.
@@ -190,10 +193,21 @@ def _places(law: Law, operands: list[Law], begins: FloatArray, ends: FloatArray)
             chosen = np.flatnonzero(some)[:_MOST_PLACES]
             for row, part, touches in _zeros(operand, begins, along, chosen, turning=turning):
                 there = begins[row] + part * along[row]
+                if not touches and _jumps(operand, there, along[row], begins[row]):
+                    continue  # steps end there
                 key = tuple(float(f"{x:.6g}") for x in there[used])
                 if key not in found or found[key].row > row:
                     found[key] = _Place(row, part, there, along[row], touches)
     return sorted(found.values(), key=lambda one: (one.row, one.part))[:_MOST_PLACES]
+
+
+def _jumps(operand: Law, there: FloatArray, way: FloatArray, begin: FloatArray) -> bool:
+    """Whether an operand that changes its sign there jumps over 0."""
+    if not operand.branches:
+        return False
+    near = operand(there + np.array([[-_BESIDE], [_BESIDE]]) * way)[0]
+    ends = operand(begin + np.array([[0.0], [1.0]]) * way)[0]
+    return bool(np.abs(near).max() > _JUMPED * np.abs(ends).max())
 
 
 def _zeros(
