@@ -27,9 +27,10 @@ contains
     integer :: k, n
 
     n = size(u)
-    window = [(sin(pi*(k + 0.5_wp)/n)**2, k=0, n - 1)]
-    slope = [(pi/(n*step)*sin(2.0_wp*pi*(k + 0.5_wp)/n), k=0, n - 1)]
-    swing = u - dot_product(window, u)/sum(window)
+    allocate (window(n), slope(n), swing(n))
+    window(:) = [(sin(pi*(k + 0.5_wp)/n)**2, k=0, n - 1)]
+    slope(:) = [(pi/(n*step)*sin(2.0_wp*pi*(k + 0.5_wp)/n), k=0, n - 1)]
+    swing(:) = u - dot_product(window, u)/sum(window)
     allocate (own(0:n/2), rate(0:n/2))
     call real_spectrum(window*swing, own)
     call real_spectrum(slope*swing + window*v, rate)
