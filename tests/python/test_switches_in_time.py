@@ -324,3 +324,35 @@ def test_spring_and_rigid_stop_at_the_same_place():
     one, other = (vv.simulate(system, 30, tolerance=1e-9, **call) for system in (both, hard))
     assert one.outcome == "completed"
     np.testing.assert_allclose(one.state, other.state, atol=1e-9)
+
+
+@pytest.mark.parametrize(("n", "kernel"), [(3, False), (3, True), (9, False)])
+def test_chosen_coordinates_are_those_of_the_whole_motion(n, kernel):
+    """To the last bit, with their events, within steps, and where the run goes on."""
+    chain = 2 * np.eye(n) - np.eye(n, k=1) - np.eye(n, k=-1)
+    elements = [
+        vv.Jenkins(on="x1", stiffness=2.0, limit=0.3),
+        vv.Gap(on="x2", stiffness=10.0, gap=0.4),
+        vv.Stop(on="x2", gap=1.2, restitution=0.6),
+    ]
+    if kernel:
+        prony = vv.PronyKernel(weights=[0.3], rates=[1.0])
+        elements.append(vv.Spring(on="x1", stiffness=0.5, kernel=prony))
+    system = vv.Structure(mass=np.eye(n), stiffness=chain, damping=0.02 * chain, elements=elements)
+    given = {"load": {1: [0.8] + [0] * (n - 1)}, "nu": 0.9}
+    kept = [4, 5, 0, 1]
+    for more in ({}, {"dt": 0.1, "keep": "tail", "tail": 3.0}, {"dt": 0.1, "events": ["x2 - 0.1"]}):
+        whole = vv.simulate(system, 8, **given, **more)
+        some = vv.simulate(system, 8, coordinates=["x3", "x1"], **given, **more)
+        assert some.dof_names == ("x3", "x1")
+        assert some.state.tobytes() == whole.state[:, kept].tobytes()
+        assert some.deflections.tobytes() == whole.deflections.tobytes()
+        for one, other in zip(some.events, whole.events, strict=True):
+            assert one.t.size > 0
+            assert one.state.tobytes() == other.state[:, kept].tobytes()
+        assert some(7.777).tobytes() == whole(7.777)[kept].tobytes()
+    for other in ({}, {"load": 0}):
+        ends = [vv.simulate(system, 12, resume=run, **other).state[-1] for run in (some, whole)]
+        assert ends[0].tobytes() == ends[1][kept].tobytes()
+    with pytest.raises(vv.InputError, match=r"coordinates: 'y' must be one of"):
+        vv.simulate(system, 8, coordinates=["y"], **given)

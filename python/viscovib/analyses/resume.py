@@ -182,7 +182,8 @@ def _other_loads_of_structure(
         if base is not None:
             raise InputError("base: a structure with elements that switch has none in time")
         given: Any = run.system
-        make, _ = whole_runs(given, end, None, run.method, load, nu, force, run.solved)
+        names = None if run.places is None else [given.dof_names[i] for i in run.places]
+        make, _ = whole_runs(given, end, None, run.method, load, nu, force, run.solved, names)
         return known(make, breaks_of(force, None, len(given.dof_names)), force, None)
     before = structure_motion_of(run)
     assert before is not None

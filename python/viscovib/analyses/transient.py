@@ -342,10 +342,9 @@ def runs_of(
                 raise InputError(f"{argument}: is for a Mount; a Pendulum has its loads in itself")
         _native.choice("memory", given.memory, ("auto",))
         return *pendulum_runs(system, end, initial, method, solved), 1
-    if goes_whole(system, method, base, held, given.memory, given.coordinates):
-        if given.coordinates is not None:
-            raise InputError("coordinates: of a structure of so few all are kept, must be None")
-        return *whole_runs(system, end, initial, method, load, nu, force, solved), 1
+    if goes_whole(system, method, base, held, given.memory):
+        kept = given.coordinates
+        return *whole_runs(system, end, initial, method, load, nu, force, solved, kept), 1
     if isinstance(system, Structure) or goes_condensed(system):
         shape = StructureMotion.checked(
             system, end, initial, method, load, nu, base, force, held, given.memory,

@@ -40,6 +40,9 @@ from viscovib.systems.whole import (
     whole_system,
 )
 
+#: Of the coordinates kept; None: all.
+_Places = npt.NDArray[np.intp] | None
+
 
 def goes_whole(
     system: object,
@@ -47,7 +50,6 @@ def goes_whole(
     base: object,
     held: object,
     memory: str,
-    coordinates: Sequence[str] | None = None,
 ) -> TypeGuard[Structure]:
     """Whether a structure is small, has laws with kinks or states, and fades by exponentials."""
     if not isinstance(system, Structure) or not switches(system):
@@ -69,8 +71,6 @@ def goes_whole(
         told = f"has memory 'auto', got memory = {shown(memory)}"
     elif (lacks := _lacks_exponentials(system)) is not None:
         told = lacks
-    elif n > MAX_DOF and coordinates is not None:
-        told = "keeps all coordinates: `coordinates` must not be given"
     elif sections and shares_switches(system):
         told = (
             f"of more than {MAX_DOF} coordinates, or with kernels, takes no law that switches with "
@@ -129,12 +129,17 @@ def whole_runs(
     nu: float | None,
     force: LoadTable | None,
     solved: float,
+    coordinates: Sequence[str] | None = None,
 ) -> tuple[Callable[[float], Run], int]:
-    """Return what makes a run with a step, and the steps to begin with."""
+    """Return what makes a run with a step, and the steps to begin with.
+
+    ``coordinates``: the names of those kept; None: all.
+    """
+    places = None if coordinates is None else structure._chosen(coordinates)
     whole = whole_system(structure)
     make, steps = polynomial_runs(whole, end, initial, method, load, nu, force, solved, True)
     check_outside(structure, make(1.0).state)
-    return partial(_of_structure, structure, make), steps
+    return partial(_of_structure, structure, places, make), steps
 
 
 def check_outside(structure: Structure, state: FloatArray) -> None:
@@ -150,10 +155,12 @@ def check_outside(structure: Structure, state: FloatArray) -> None:
             )
 
 
-def _of_structure(structure: Structure, make: Callable[[float], Run], h: float) -> WholeRun:
+def _of_structure(
+    structure: Structure, places: _Places, make: Callable[[float], Run], h: float
+) -> WholeRun:
     run = make(h)
     assert isinstance(run, PolynomialRun)
-    return WholeRun(structure, run)
+    return WholeRun(structure, places, run)
 
 
 class WholeRun(PolynomialRun):
@@ -161,8 +168,9 @@ class WholeRun(PolynomialRun):
 
     power: ClassVar[Any] = None
 
-    def __init__(self, structure: Structure, like: PolynomialRun) -> None:
+    def __init__(self, structure: Structure, places: _Places, like: PolynomialRun) -> None:
         super().__init__(like.system, like.method, like.state, like.h, like.solved, like.job)
+        self.places = places
         self.system = structure  # type: ignore[assignment]
 
     @property
@@ -192,6 +200,10 @@ class WholeRun(PolynomialRun):
         structure: Any = self.system
         directions = structure._element_directions
         given = {name: getattr(run, name) for name in Trajectory.__dataclass_fields__}
+        places = np.arange(len(structure.dof_names)) if self.places is None else self.places
+        columns = (2 * places[:, np.newaxis] + [0, 1]).ravel()
+        given["state"] = run.state[:, columns]
+        given["events"] = tuple(one._replace(state=one.state[:, columns]) for one in run.events)
         count = self._n_stops
         assert self.memory is not None
         # Since when it rests against each side of each stop, as the core keeps it.
@@ -199,6 +211,8 @@ class WholeRun(PolynomialRun):
         since = self.memory[begin : begin + 2 * count].reshape(count, 2)
         return StructureTrajectory(
             **given, deflections=run.state[:, ::2] @ directions,
-            rates=run.state[:, 1::2] @ directions, _names=structure.dof_names,
-            _units=structure.dof_units, resting_since=np.where(since < 0, np.nan, since),
+            rates=run.state[:, 1::2] @ directions,
+            _names=tuple(structure.dof_names[i] for i in places),
+            _units=tuple(structure.dof_units[i] for i in places),
+            resting_since=np.where(since < 0, np.nan, since),
         )  # fmt: skip
