@@ -24,8 +24,8 @@ end subroutine polynomial_check
 !! steps were made in parts, and how many of it are the method's; in_parts /= 0: all steps are made
 !! in parts that see thin layers of forces; thin: how thin one may be for a part. moves, breaks,
 !! pieces, ends and made_by as in `mount_simulate`, with less than two breaks there is no load but
-!! the periodic one.
-subroutine polynomial_simulate(flat, n_flat, orders, series, n_rows, n_series, nu, breaks, &
+!! the periodic one; reach: latest time of any run that goes on, for which kernels are fitted.
+subroutine polynomial_simulate(flat, n_flat, reach, orders, series, n_rows, n_series, nu, breaks, &
                                pieces, n_breaks, ends, made_by, n_ends, method, in_parts, thin, &
                                moves, initial, h, tolerance, first, n_steps, save_every, resume, &
                                memory, n_memory, times, n_times, n_columns, watched, n_watch, &
@@ -37,7 +37,8 @@ subroutine polynomial_simulate(flat, n_flat, orders, series, n_rows, n_series, n
   use viscovib_mesh, only: mesh_type, new_mesh
   use viscovib_method_catalogue, only: new_stepper
   use viscovib_polynomial, only: polynomial_type
-  use viscovib_polynomial_motion, only: new_polynomial_motion, polynomial_motion_type
+  use viscovib_fitted_motion, only: new_fitted_motion
+  use viscovib_polynomial_motion, only: polynomial_motion_type
   use viscovib_reduction, only: reduce, state_mask
   use viscovib_simulate, only: simulate
   use viscovib_status, only: status_type
@@ -50,7 +51,7 @@ subroutine polynomial_simulate(flat, n_flat, orders, series, n_rows, n_series, n
   integer(c_int), intent(in) :: moves(n_rows - 1)
   integer(c_long), intent(in) :: first, n_steps, save_every, made_by(n_ends)
   real(c_double), intent(in) :: breaks(n_breaks), pieces(n_rows - 1, 4, n_breaks), ends(n_ends)
-  real(c_double), intent(in) :: flat(n_flat), nu, initial(2*n_rows - 2), h, tolerance, thin
+  real(c_double), intent(in) :: flat(n_flat), reach, nu, initial(2*n_rows - 2), h, tolerance, thin
   complex(c_double_complex), intent(in) :: series(n_rows, n_series)
   real(c_double), intent(in) :: memory(n_memory), times(n_times)
   real(c_double), intent(out) :: states(2*n_rows - 2, n_columns), at_times(2*n_rows - 2, n_times)
@@ -93,11 +94,11 @@ subroutine polynomial_simulate(flat, n_flat, orders, series, n_rows, n_series, n
   rows = pack([(i, i=1, 2*n_rows - 2)], state_mask(moves /= 0))
   if (.not. outcome%failed()) then
     if (size(dofs) == n_rows - 1) then
-      call new_polynomial_motion(motion, system, load, nu, outcome, in_sections=.true.)
+      call new_fitted_motion(motion, system, load, nu, h, reach, outcome)
     else
       call reduce(system, moves /= 0, reduced)
       call load%take_part(moves /= 0, part)
-      call new_polynomial_motion(motion, reduced, part, nu, outcome, in_sections=.true.)
+      call new_fitted_motion(motion, reduced, part, nu, h, reach, outcome)
     end if
   end if
   if (.not. outcome%failed()) then
@@ -163,7 +164,8 @@ subroutine polynomial_fastest(flat, n_flat, fastest, status)
   use viscovib_kinds, only: wp
   use viscovib_load, only: load_type, new_load
   use viscovib_polynomial, only: polynomial_type
-  use viscovib_polynomial_motion, only: new_polynomial_motion, polynomial_motion_type
+  use viscovib_fitted_motion, only: new_fitted_motion
+  use viscovib_polynomial_motion, only: polynomial_motion_type
   use viscovib_status, only: status_type
   use viscovib_system_vector, only: polynomial_from_vector
   implicit none
@@ -182,7 +184,8 @@ subroutine polynomial_fastest(flat, n_flat, fastest, status)
   if (.not. outcome%failed()) then
     allocate (forces(system%n_dof(), 0), none(0))
     call new_load(load, system%n_dof(), [integer ::], forces, none, outcome)
-    call new_polynomial_motion(motion, system, load, 0.0_wp, outcome, in_sections=.true.)
+    ! Of any steps and times: rates are those of coordinates.
+    call new_fitted_motion(motion, system, load, 0.0_wp, 1.0_wp, 1.0_wp, outcome)
     if (.not. outcome%failed()) fastest = motion%fastest()
   end if
   call report(outcome, status)
@@ -220,23 +223,34 @@ subroutine polynomial_plan(flat, n_flat, orders, series, n_rows, n_series, initi
   call report(outcome, status)
 end subroutine polynomial_plan
 
-!> How many coordinates the memory of a system takes in such a motion; -1: not all of its kernels
-!! are sums of exponentials.
-subroutine hidden_coordinates(flat, n_flat, n_hidden, status)
+!> How many coordinates the memory of a system takes in such a motion, in steps h; h = 0: at most;
+!! -1: not all of its kernels are sums of exponentials, or have any.
+subroutine hidden_coordinates(flat, n_flat, h, reach, n_hidden, fitted, status)
   use, intrinsic :: iso_c_binding, only: c_double, c_int
   use viscovib_binding_tools, only: report
+  use viscovib_fitted_memory, only: bound_hidden, fit_memory, needs_fit
   use viscovib_hidden_memory, only: count_hidden
   use viscovib_polynomial, only: polynomial_type
   use viscovib_status, only: status_type
   use viscovib_system_vector, only: polynomial_from_vector
   implicit none
   integer(c_int), intent(in) :: n_flat
-  real(c_double), intent(in) :: flat(n_flat)
-  integer(c_int), intent(out) :: n_hidden, status
-  type(polynomial_type) :: system
+  real(c_double), intent(in) :: flat(n_flat), h, reach
+  !> fitted: whether some kernel is fitted.
+  integer(c_int), intent(out) :: n_hidden, fitted, status
+  type(polynomial_type) :: system, whole
   type(status_type) :: outcome
   n_hidden = -1
+  fitted = 0
   call polynomial_from_vector(system, flat, outcome)
-  if (.not. outcome%failed()) n_hidden = count_hidden(system)
+  if (.not. outcome%failed()) then
+    fitted = merge(1, 0, needs_fit(system))
+    if (h > 0.0_c_double) then
+      call fit_memory(system, h, reach, whole)
+      n_hidden = count_hidden(whole)
+    else
+      n_hidden = bound_hidden(system)
+    end if
+  end if
   call report(outcome, status)
 end subroutine hidden_coordinates

@@ -17,7 +17,8 @@ module viscovib_motion_job
   use viscovib_pendulum_job, only: plan_pendulum, run_pendulum_job
   use viscovib_polar, only: argument, modulus
   use viscovib_polynomial_job, only: plan_polynomial, run_polynomial_job
-  use viscovib_polynomial_motion, only: new_polynomial_motion, polynomial_motion_type
+  use viscovib_fitted_motion, only: new_fitted_motion
+  use viscovib_polynomial_motion, only: polynomial_motion_type
   use viscovib_simulate, only: run_coarse, run_completed, run_diverged, run_event, run_names
   use viscovib_status, only: set_ok, show, status_type, things
   use viscovib_structure_job, only: plan_structure, run_structure_job
@@ -265,8 +266,9 @@ contains
                                 max(maxval(omega), maxval(subject%pendulum%drives)), trajectory, &
                                 status)
         else
-          call new_polynomial_motion(own, subject%polynomial, subject%load, self%nu, status, &
-                                     in_sections=.true.)
+          ! Rates are those of coordinates, whatever sums stand for kernels.
+          call new_fitted_motion(own, subject%polynomial, subject%load, self%nu, 1.0_wp, 1.0_wp, &
+                                 status)
           if (status%failed()) return
           call run_polynomial_job(motion, subject%polynomial, subject%load, self%nu, &
                                   own%fastest(), trajectory, status)

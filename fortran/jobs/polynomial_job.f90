@@ -1,21 +1,38 @@
 !> A motion in time of a polynomial system without memory, or with one of exponentials, as one job.
 module viscovib_polynomial_job
+  use viscovib_constants, only: pi
   use viscovib_counters, only: count_up, counted_idle, counting
+  use viscovib_fitted_memory, only: needs_fit, shared_error
   use viscovib_hidden_memory, only: count_hidden
-  use viscovib_kinds, only: wp
+  use viscovib_kinds, only: i8, wp
   use viscovib_law_program, only: branches
   use viscovib_load, only: load_type
   use viscovib_plan_text, only: tell_idle, tell_laws, tell_zeros
   use viscovib_polynomial, only: polynomial_type
-  use viscovib_polynomial_motion, only: new_polynomial_motion, polynomial_motion_type
+  use viscovib_fitted_motion, only: new_fitted_motion
+  use viscovib_polynomial_motion, only: polynomial_motion_type
   use viscovib_reduction, only: moved_coordinates, reduce, state_mask
   use viscovib_status, only: status_type, things
-  use viscovib_transient_job, only: run_transient, trajectory_type, transient_job
+  use viscovib_transient_job, only: driven_runs, make_runs, run_maker, run_transient, &
+    trajectory_type, transient_job
   use viscovib_transient_plan, only: plan_transient
   implicit none
   private
 
   public :: run_polynomial_job, plan_polynomial
+
+  !> How far beyond its end a run may go on in Python: sums that stand for kernels reach as far.
+  real(wp), parameter :: furthest = 100.0_wp
+
+  !> Runs of a system whose kernels are taken as sums of exponentials.
+  type, extends(run_maker) :: fitted_runs
+    type(polynomial_type), pointer :: remembering => null()
+    type(load_type), pointer :: load => null()
+    real(wp) :: nu = 0.0_wp
+    type(polynomial_motion_type), pointer :: motion => null()
+  contains
+    procedure :: make => make_fitted
+  end type fitted_runs
 
 contains
 
@@ -61,21 +78,55 @@ contains
     end do
   end function driven
 
+  !> Of a run of n steps kernels are fitted for these.
+  subroutine make_fitted(self, job, n, thinning, trajectory, status)
+    class(fitted_runs), intent(in) :: self
+    class(transient_job), intent(in) :: job
+    integer(i8), intent(in) :: n
+    integer, intent(in) :: thinning
+    type(trajectory_type), intent(out) :: trajectory
+    type(status_type), intent(out) :: status
+    type(driven_runs) :: runs
+    real(wp) :: longest
+    logical :: in_parts
+
+    ! What runs before have met of thin layers.
+    longest = self%motion%longest
+    in_parts = self%motion%in_parts
+    call new_fitted_motion(self%motion, self%remembering, self%load, self%nu, &
+                           job%t_end/real(n, wp), furthest*job%t_end, status)
+    if (status%failed()) return
+    self%motion%longest = longest
+    self%motion%in_parts = in_parts
+    runs%system => self%motion
+    call runs%make(job, n, thinning, trajectory, status)
+    trajectory%represented = shared_error
+  end subroutine make_fitted
+
   !> The same with all coordinates.
   subroutine run_whole(job, system, load, nu, fastest, trajectory, status)
     type(transient_job), intent(in) :: job
-    type(polynomial_type), intent(in) :: system
-    type(load_type), intent(in) :: load
+    type(polynomial_type), intent(in), target :: system
+    type(load_type), intent(in), target :: load
     real(wp), intent(in) :: nu, fastest
     type(trajectory_type), intent(out) :: trajectory
     type(status_type), intent(out) :: status
-    type(polynomial_motion_type) :: motion
+    type(polynomial_motion_type), target :: motion
+    type(fitted_runs) :: maker
 
-    call new_polynomial_motion(motion, system, load, nu, status, in_sections=.true.)
+    call new_fitted_motion(motion, system, load, nu, 1.0_wp, 1.0_wp, status)
     if (status%failed()) return
     if (counting) call count_up(counted_idle, count( &
                                 .not. moved_coordinates(system, driven(job, system, load))))
-    call run_transient(job, motion, fastest, trajectory, status)
+    if (.not. needs_fit(system)) then
+      call run_transient(job, motion, fastest, trajectory, status)
+      return
+    end if
+    maker%remembering => system
+    maker%load => load
+    maker%nu = nu
+    maker%motion => motion
+    call make_runs(maker, job, job%t_end*fastest/(0.5_wp*pi), trajectory, status)
   end subroutine run_whole
 
   !> What will be computed and what is skipped, with the reasons.
@@ -87,6 +138,7 @@ contains
     text = 'skips: memory (no kernels)'
     if (count_hidden(system) > 0) text = 'computes: memory by '//things(count_hidden(system), &
                                                                         'exponential')
+    if (needs_fit(system)) text = 'computes: memory by sums of exponentials, fitted for each step'
     text = plan_transient(job)//text//new_line('a') &
            //tell_idle(moved_coordinates(system, driven(job, system, load))) &
            //tell_laws(system)//tell_zeros(system, load)

@@ -28,6 +28,8 @@ module viscovib_trajectory
     !> Largest change of a state kept when the step was halved; negative if the
     !! step was given.
     real(wp) :: error = -1.0_wp
+    !> Relative error of what stands for kernels, which two runs may share.
+    real(wp) :: represented = 0.0_wp
     integer(i8) :: n_steps = 0
     !> How many times as long the steps are as those whose nodes see every thin layer of a law.
     real(wp) :: too_long = 0.0_wp

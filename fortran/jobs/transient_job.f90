@@ -16,7 +16,7 @@ module viscovib_transient_job
   implicit none
   private
 
-  public :: transient_job, trajectory_type, run_maker
+  public :: driven_runs, transient_job, trajectory_type, run_maker
   public :: run_transient, make_runs, first_steps, hopeless
 
   !> Relative error of the time of a stop inside a step.
@@ -129,7 +129,8 @@ contains
       if (met) then
         call fill_in(maker, job, int(n, i8), factor, trajectory, change)
         ! Nothing but rest has no error at all.
-        trajectory%error = max(change, 4.0_wp*epsilon(1.0_wp)*maxval(abs(trajectory%states)))
+        trajectory%error = max(change, max(4.0_wp*epsilon(1.0_wp), trajectory%represented) &
+                               *maxval(abs(trajectory%states)))
         if (trajectory%outcome /= run_completed) then
           ! Where it stops is found by the same small steps every time.
           trajectory%error = max(trajectory%error, located*max(1.0_wp, trajectory%t_reached))

@@ -1,9 +1,9 @@
 !> A scene: the system, its load and the results wanted, as one namelist file.
 module viscovib_scene
   use viscovib_body_groups, only: read_body
+  use viscovib_fitted_memory, only: bound_hidden
   use viscovib_group_reader, only: group_reader
   use viscovib_growing_text, only: growing_text
-  use viscovib_hidden_memory, only: count_hidden
   use viscovib_job, only: job_type
   use viscovib_kernel_groups, only: read_kernels
   use viscovib_kernel_holder, only: kernel_holder
@@ -182,7 +182,7 @@ contains
     integer :: method, n_hidden
 
     fits = .false.
-    n_hidden = count_hidden(system)
+    n_hidden = bound_hidden(system)
     if (n_hidden < 0 .or. system%n_dof() + n_hidden > most_in_frame) return
     associate (group => file%groups(place_of(file, 'transient')))
       if (group%find('held') > 0 .or. group%find('memory') > 0) return

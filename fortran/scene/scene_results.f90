@@ -24,7 +24,8 @@ module viscovib_scene_results
   use viscovib_motion_job, only: motion_job
   use viscovib_namelist, only: namelist_type
   use viscovib_oscillator, only: oscillator_type
-  use viscovib_polynomial_motion, only: new_polynomial_motion, polynomial_motion_type
+  use viscovib_fitted_motion, only: new_fitted_motion
+  use viscovib_polynomial_motion, only: polynomial_motion_type
   use viscovib_response_groups, only: read_response
   use viscovib_response_job, only: response_job
   use viscovib_scales_groups, only: read_oscillator_scales, read_pendulum_scales
@@ -218,8 +219,8 @@ contains
     else
       call read_frequency(reader, subject%load, own%nu)
       if (.not. reader%status%failed()) then
-        call new_polynomial_motion(system, subject%polynomial, subject%load, own%nu, status, &
-                                   in_sections=.true.)
+        call new_fitted_motion(system, subject%polynomial, subject%load, own%nu, 1.0_wp, 1.0_wp, &
+                               status)
         call reader%place(status)
         ! What goes by all coordinates may begin at rest.
         if (.not. status%failed()) call read_transient(reader, system, motion, subject%goes_whole)

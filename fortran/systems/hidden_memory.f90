@@ -8,7 +8,8 @@
 !! each exponential of each force is a mass m that g drags through a dashpot, and that pulls at the
 !! coordinate with its rate. No force depends on z_q itself. With m the mass of the coordinate on
 !! which g acts these are displacements and rates like those of the others. Laws act on the masses
-!! as well, each once: their surfaces are not doubled.
+!! as well, each once: their surfaces are not doubled. Forces that are multiples of one another, as
+!! those of a spring on both of its ends, have their masses together.
 module viscovib_hidden_memory
   use viscovib_kernel, only: kernel_type
   use viscovib_kernel_sum, only: kernel_sum
@@ -19,7 +20,7 @@ module viscovib_hidden_memory
   implicit none
   private
 
-  public :: count_hidden, unfold_memory
+  public :: count_hidden, fades_by_exponentials, unfold_memory
 
   !> An exponential of the force in a hereditary variable.
   type :: dragged_mass
@@ -46,7 +47,7 @@ contains
   end function count_hidden
 
   !> Whether a kernel is a sum of exponentials to the last digit.
-  recursive logical function fades_by_exponentials(kernel) result(does)
+  recursive pure logical function fades_by_exponentials(kernel) result(does)
     class(kernel_type), intent(in) :: kernel
     integer :: i
     does = .false.
@@ -63,11 +64,13 @@ contains
     type(dragged_mass), allocatable, intent(out) :: masses(:)
     type(dragged_mass) :: one
     real(wp), allocatable :: weights(:), rates(:)
-    integer :: j, q
+    integer :: j, q, owner(system%n_memory())
+    real(wp) :: share(system%n_memory())
 
     allocate (masses(0))
+    call find_multiples(system, owner, share)
     do j = 1, system%n_memory()
-      if (system%kernel_of(j) == 0) cycle
+      if (system%kernel_of(j) == 0 .or. owner(j) /= j) cycle
       ! Its own terms, whatever is asked for.
       call system%kernels(system%kernel_of(j))%exponentials(1.0_wp, 1.0_wp, 1.0_wp, weights, rates)
       one%variable = j
@@ -82,17 +85,79 @@ contains
     end do
   end subroutine find_masses
 
+  !> Of each force the first one of which it is a multiple, and the factor.
+  subroutine find_multiples(system, owner, share)
+    type(polynomial_type), intent(in) :: system
+    integer, intent(out) :: owner(:)
+    real(wp), intent(out) :: share(:)
+    real(wp) :: numbers(system%n_dof() + size(system%monomials) + size(system%laws), size(owner))
+    integer :: i, j, k
+
+    call find_numbers(system, numbers)
+    owner = [(j, j=1, size(owner))]
+    share = 1.0_wp
+    do j = 2, size(owner)
+      do i = 1, j - 1
+        if (owner(i) /= i .or. system%kernel_of(i) /= system%kernel_of(j)) cycle
+        k = maxloc(abs(numbers(:, i)), 1)
+        if (.not. abs(numbers(k, i)) > 0.0_wp) cycle
+        share(j) = numbers(k, j)/numbers(k, i)
+        if (any(abs(numbers(:, j) - share(j)*numbers(:, i)) &
+                > 4.0_wp*epsilon(1.0_wp)*abs(numbers(:, j)))) cycle
+        owner(j) = i
+        exit
+      end do
+      if (owner(j) == j) share(j) = 1.0_wp
+    end do
+  end subroutine find_multiples
+
+  !> What makes up each force: its springs, its monomials and its laws, a column.
+  subroutine find_numbers(system, numbers)
+    type(polynomial_type), intent(in) :: system
+    real(wp), intent(out) :: numbers(:, :)
+    integer :: i, j, k, n
+
+    n = system%n_dof()
+    numbers = 0.0_wp
+    numbers(:n, :) = transpose(system%gather)
+    do i = 1, size(system%monomials)
+      associate (one => system%monomials(i))
+        do k = 1, i
+          if (size(system%monomials(k)%dof) /= size(one%dof)) cycle
+          if (all(system%monomials(k)%dof == one%dof) &
+              .and. all(system%monomials(k)%power == one%power)) exit
+        end do
+        numbers(n + k, one%variable) = numbers(n + k, one%variable) + one%coefficient
+      end associate
+    end do
+    n = n + size(system%monomials)
+    do i = 1, size(system%laws)
+      associate (one => system%laws(i))
+        do j = 1, size(one%variables)
+          k = one%variables(j)
+          numbers(n + i, k) = numbers(n + i, k) + one%weights(j)
+        end do
+      end associate
+    end do
+  end subroutine find_numbers
+
   !> The system with these masses behind its coordinates; nothing remembers.
   subroutine unfold_memory(system, whole)
     !> Of which `count_hidden` is not negative.
     type(polynomial_type), intent(in) :: system
     type(polynomial_type), intent(out) :: whole
     type(dragged_mass), allocatable :: masses(:)
-    integer :: h, i, n, m, total, variables
+    real(wp) :: share(system%n_memory()), pull(system%n_dof(), system%n_memory())
+    integer :: h, i, n, m, total, variables, owner(system%n_memory())
 
     call find_masses(system, masses)
     n = system%n_dof()
     m = system%n_memory()
+    call find_multiples(system, owner, share)
+    pull = 0.0_wp
+    do i = 1, m
+      pull(:, owner(i)) = pull(:, owner(i)) + share(i)*system%spread(:, i)
+    end do
     total = n + size(masses)
     variables = m + size(masses)
     allocate (whole%mass(total, total), whole%damping(total, total), source=0.0_wp)
@@ -108,7 +173,7 @@ contains
         h = n + i
         whole%mass(h, h) = one%mass
         whole%damping(h, h) = one%mass*one%rate
-        whole%damping(:n, h) = -one%mass*one%weight*system%spread(:, one%variable)
+        whole%damping(:n, h) = -one%mass*one%weight*pull(:, one%variable)
         whole%gather(m + i, :n) = -system%gather(one%variable, :)
         whole%spread(h, m + i) = 1.0_wp
       end associate

@@ -17,7 +17,7 @@ module viscovib_modal_frame
   public :: is_definite, modal_frame, new_modal_frame
 
   !> Coordinates of a frame, at most.
-  integer, parameter, public :: most_in_frame = 128
+  integer, parameter, public :: most_in_frame = 256
   !> What is left of a matrix that counts as rounding, by the sizes that made it.
   real(wp), parameter :: rounding = 1.0e-14_wp
 

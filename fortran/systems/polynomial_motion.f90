@@ -2,8 +2,8 @@
 !!
 !!   M u'' = Im sum_k P_k exp(i k nu t) + F(t) - C u' - K u - f(u).
 !!
-!! Kernels of exponentials are further coordinates (viscovib_hidden_memory). Drives are
-!! cos(nu t), sin(nu t), those of higher orders follow by rotation, and the time in a piece of F.
+!! Kernels of exponentials are further coordinates (viscovib_hidden_memory), as which others are
+!! taken (viscovib_fitted_motion). Drives are cos(nu t), sin(nu t), those of higher orders follow by rotation, and the time in a piece of F.
 module viscovib_polynomial_motion
   use viscovib_dense, only: invert
   use viscovib_driven_system, only: driven_system_type, range_of_degree

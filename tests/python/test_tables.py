@@ -36,6 +36,20 @@ MORE = {
 &transient t_end=12 nu=0.9 tolerance=1e-10 /
 &event function='x2 - t/10' /
 """,
+    "beside a singular kernel": """&kernel kind='rabotnov' amplitude=0.5 alpha=0.4 beta=1.5 /
+&structure mass=1 2 stiffness=2 1 damping=0.1 0.1 /
+&element on='x1' 'x2' law='5*max(d - 0.1, 0) + 0.3*d' kernel=1 /
+&element on='x2' law='0.2*sign(v)' kernel=0 /
+&load on='x1' amplitude=0.8 /
+&transient t_end=6 nu=0.9 tolerance=1e-10 /
+""",
+    "a system beside a singular kernel": """&kernel kind='abel' amplitude=0.05 alpha=0.2 /
+&system coordinates='x' 'y' mass=1 2 stiffness=2 -1 -1 2 damping=0.1 0 0 0.1 /
+&force on='x' law='5*max(x - 0.1, 0)' /
+&force on='y' law='0.1*sign(y_dot)' kernel=0 /
+&load on='x' amplitude=0.8 /
+&transient t_end=6 nu=0.9 dt=0.1 /
+""",
     "a system that switches beside memory": """&kernel kind='prony' weights=0.3 0.6 rates=1 5 /
 &system coordinates='x' 'y' mass=1 2 stiffness=2 -1 -1 2 damping=0.1 0 0 0.1 /
 &force on='x' law='5*max(x - 0.1, 0)' /

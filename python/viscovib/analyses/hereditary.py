@@ -43,7 +43,7 @@ _FINE = 2.0**-14
 #: Numbers a run needs to go on, to begin with.
 _MEMORY = 1024
 #: What lasts for ever, as a time (s).
-_EVER = 1e30
+EVER = 1e30
 
 
 @dataclass(frozen=True)
@@ -131,7 +131,7 @@ class MountMotion:
         load = _inertia_of(self.mount, times, cubics)
         loaded = times
         if load.shape[2] > times.size:
-            loaded = np.concatenate([[times[0] - _EVER], times, [times[-1] + _EVER]])
+            loaded = np.concatenate([[times[0] - EVER], times, [times[-1] + EVER]])
         breaks, pieces = self.breaks, self.pieces
         if load.any():
             breaks, pieces = (

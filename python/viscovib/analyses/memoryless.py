@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from viscovib import _native
 from viscovib._native import FloatArray, core
-from viscovib.analyses.hereditary import NODES, moving, table_of, warn_of_slow_mode
+from viscovib.analyses.hereditary import EVER, NODES, moving, table_of, warn_of_slow_mode
 from viscovib.analyses.runs import MAX_STEPS, Piece, Run, ThinLayers, nothing, starting_state
 from viscovib.common.parameters import MAX_HARMONICS
 from viscovib.common.past import Past
@@ -46,7 +46,11 @@ MAX_SECTIONS = 64
 #: The method whose parts behind a switch, each twice as long as the one before, see what fades.
 REMEMBERING = ("gauss8",)
 #: The same with coordinates of the core for exponentials that remember, as of `modal_frame`.
-MOST_IN_FRAME = 128
+MOST_IN_FRAME = 256
+#: How far beyond its end a run may go on: sums that stand for kernels reach as far.
+_REACH = 100.0
+#: Their relative error, as far as runs with one of each do not tell it, as in the core.
+_FITTED = 2e-12
 
 
 def pendulum_runs(
@@ -128,7 +132,7 @@ def _fades_beside_switches(system: PolynomialSystem, method: str) -> bool:
     """Whether steps may end where laws switch though the system remembers: by few exponentials."""
     if method not in ("auto", *REMEMBERING) or not switches_by_itself(system):
         return False
-    return 0 <= n_hidden(system) <= MOST_IN_FRAME - len(system.dof_names)
+    return 0 <= n_hidden(system)[0] <= MOST_IN_FRAME - len(system.dof_names)
 
 
 @cache
@@ -194,8 +198,9 @@ def polynomial_runs(
     layers = ThinLayers()
     if system._active_kernels:
         warn_of_slow_mode(system)
-    hidden = n_hidden(system)
-    job = (system._flat, orders, series, frequency, breaks, pieces, moves, layers, hidden, force)
+    _, fitted = n_hidden(system)
+    reach = _REACH * end if fitted else math.inf
+    job = (system._flat, orders, series, frequency, breaks, pieces, moves, layers, reach, force)
     return partial(PolynomialRun.of_job, system, name, state, solved, job), steps
 
 
@@ -231,6 +236,8 @@ class PolynomialRun(Run):
         super().__init__(system, method, state, h, solved)
         self.job = job
         self.layers = job[7]
+        self.hidden, fitted = n_hidden(system, h, job[8])
+        self.represented = _FITTED if fitted else 0.0
 
     @classmethod
     def of_job(
@@ -249,6 +256,9 @@ class PolynomialRun(Run):
         """Go on from the end of an earlier run: elements remember."""
         super().adopt(earlier)
         self.memory = earlier.memory
+        if isinstance(earlier, PolynomialRun):
+            self.job = (*self.job[:8], earlier.job[8], *self.job[9:])
+            self.hidden = earlier.hidden
 
     @property
     def has_layers(self) -> bool:
@@ -264,7 +274,7 @@ class PolynomialRun(Run):
         """Coordinates, velocities, what rounding left of them, and what elements know."""
         assert self.memory is not None
         n = int(np.count_nonzero(self.job[6]))
-        belongs = _of_states(self.memory.size, self.method, n, self.job[8])
+        belongs = _of_states(self.memory.size, self.method, n, self.hidden)
         belongs[int(self.memory[-1]) : -3] = True
         return belongs
 
@@ -291,9 +301,15 @@ class PolynomialRun(Run):
         return text
 
     def _native_steps(self, count: int, every: int, columns: int, times: FloatArray) -> Piece:
+        until, reach = self._time_after(self.done + count), self.job[8]
+        if until > reach * (1 + 1e-9):
+            raise InputError(
+                f"t_end = {until:g}: a run made for t_end = {reach / _REACH:g} beside kernels that "
+                f"are no sums of exponentials may go on to {reach:g} at most"
+            )
         resume = 0 if self.memory is None else 2 if self.anew else 1
         # Every surface and every state of an element has at least two numbers in the vector.
-        n = self.state.size // 2 + self.job[8]
+        n = self.state.size // 2 + self.hidden
         room = _MEMORY + _OF_COORDINATE * n + 2 * self.job[0].size
         self.layers.longest = max(self.layers.longest, self.h)
         in_parts = self.layers.seen or (self.memory is not None and bool(self.memory[-2]))
@@ -301,7 +317,9 @@ class PolynomialRun(Run):
             *_native.call_either(
                 count > _native.MANY_STEPS,
                 core.polynomial_simulate,
-                *self.job[:6],
+                self.job[0],
+                min(self.job[8], EVER),
+                *self.job[1:6],
                 *self._mesh_arrays(),
                 METHODS[self.method],
                 int(in_parts),

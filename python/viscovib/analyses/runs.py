@@ -146,6 +146,12 @@ def told_in_one_way(run: Trajectory, like: Trajectory) -> Trajectory:
     return replace(run, state=told_like(run.state, like.state))
 
 
+def least_error(run: Trajectory) -> float:
+    """What rounding leaves of states, and what stands for kernels, which no two runs tell."""
+    part = 0.0 if run._resume is None else run._resume.represented
+    return max(rounding_of(run.state), part * float(np.abs(run.state).max(initial=0.0)))
+
+
 def with_estimate(
     run: Trajectory, make: Callable[[int], Trajectory | None], how: str
 ) -> Trajectory:
@@ -162,7 +168,7 @@ def with_estimate(
         if len(factors) == 1
         else how.replace("a run in half steps", "runs in half steps and thirds")
     )
-    error = max(change, rounding_of(run.state))
+    error = max(change, least_error(run))
     return replace(run, error=error, _planned=partial(_plan_with_estimate, run, how))
 
 
@@ -225,6 +231,8 @@ class ThinLayers:
 class Run(ABC):
     """A run that can go on: the native state and how far it has come."""
 
+    #: Relative error of what stands for kernels, which two runs may share.
+    represented: float = 0.0
     #: What the native calls count.
     counts: ClassVar[str]
     #: Whether wanted times are told by the polynomials of steps, at no steps of their own.

@@ -13,13 +13,14 @@ from typing import Any
 import numpy as np
 
 from viscovib._native import FloatArray
-from viscovib.analyses.accuracy import Accuracy, most_states, parts_for_peaks, reason, rounding_of
+from viscovib.analyses.accuracy import Accuracy, most_states, parts_for_peaks, reason
 from viscovib.analyses.runs import (
     LOCATED,
     NotMetError,
     difference,
     has_outrun,
     hopeless,
+    least_error,
     told_in_one_way,
 )
 from viscovib.bodies.turning import told_like
@@ -258,7 +259,7 @@ def _with_more_states(
 
 
 def _found(run: Trajectory, change: float, told: Callable[[], Plan]) -> Trajectory:
-    return replace(run, error=max(change, rounding_of(run.state)), _planned=told)
+    return replace(run, error=max(change, least_error(run)), _planned=told)
 
 
 def _gain(coarse: Trajectory, per_coarse: int, fine: Trajectory, per_fine: int) -> FloatArray:

@@ -1,6 +1,7 @@
 """Structures of up to 64 coordinates in time, whole: steps end where laws switch.
 
-Of kernels that are sums of exponentials each term is a coordinate of the core that no result tells.
+Of kernels that are sums of exponentials each term is a coordinate of the core that no result tells;
+others are taken as such sums, fitted for the steps of a run.
 """
 
 from __future__ import annotations
@@ -90,19 +91,20 @@ def _lacks_exponentials(structure: Structure) -> str | None:
     """Say what keeps memory from being so many exponentials; None: nothing."""
     if not structure._all_kernels:
         return None
-    n, hidden = len(structure.dof_names), n_hidden(whole_system(structure))
+    n, (hidden, fitted) = len(structure.dof_names), n_hidden(whole_system(structure))
     if hidden < 0:
         kinds = sorted({type(kernel).__name__ for kernel in structure._all_kernels})
         return (
-            f"is for structures whose kernels are sums of exponentials, has {', '.join(kinds)}: "
-            "its steps end where an element switches, and the past is known at whole steps only; "
+            "is for structures whose kernels sums of exponentials can stand for, has "
+            f"{', '.join(kinds)}: its steps end where an element switches, and the past is known "
+            "at whole steps only; "
             "take the kernel's sum_of_exponentials(), or steady motions, forced_response and "
             "trace_response"
         )
     if n + hidden > MOST_IN_FRAME:
         return (
             f"is for at most {MOST_IN_FRAME} coordinates and exponentials of forces that remember, "
-            f"has {n} and {hidden}"
+            f"has {n} and {'up to ' if fitted else ''}{hidden}"
         )
     return None
 

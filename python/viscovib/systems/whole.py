@@ -164,11 +164,17 @@ def whole_system(structure: Structure) -> PolynomialSystem:
     return whole
 
 
-def n_hidden(system: PolynomialSystem) -> int:
-    """Count the coordinates that the core adds for memory; -1: it cannot, for some kernel."""
+def n_hidden(system: PolynomialSystem, h: float = 0.0, reach: float = 0.0) -> tuple[int, bool]:
+    """Count the coordinates that the core adds for memory in steps h; 0: at most; -1: it cannot.
+
+    Whether some kernel is fitted for these steps, and for times until ``reach``.
+    """
     flat = system._flat
     # The fourth number counts kernels.
-    return int(_native.call(core.hidden_coordinates, flat)[0]) if flat[3] else 0
+    if not flat[3]:
+        return 0, False
+    count, fitted = _native.call(core.hidden_coordinates, flat, h, reach)
+    return int(count), bool(fitted)
 
 
 def _mix(direction: FloatArray) -> dict[int, float]:

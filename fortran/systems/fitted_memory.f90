@@ -1,0 +1,143 @@
+!> Kernels as sums of exponentials, for motions whose steps end where laws switch
+!! (viscovib_hidden_memory).
+!!
+!! R(t) is S(t) = sum_q w_q exp(-r_q t) within a relative error from t_min on, a small part of a step
+!! h (viscovib_spectral_kernel). What is left, D = R - S, is over before t_min, but not small where R
+!! is singular. Of a force g that is smooth within t_min it leaves m_0 g - m_1 g' + ..., of a jump of
+!! g the push m_0 from t_min on and the impulse -m_1, m_k = integral D t^k/k! dt. One exponential
+!! more has both moments, as the first Gauss rule of D's spectrum: Laplace transforms
+!! w/(s + r) = R(s) - S(s) at two s of the order of 1/h. What remains goes like t_min^(2 + alpha).
+module viscovib_fitted_memory
+  use viscovib_hidden_memory, only: count_hidden, fades_by_exponentials
+  use viscovib_kernel_holder, only: copy_kernels, kernel_holder
+  use viscovib_kinds, only: wp
+  use viscovib_polynomial, only: polynomial_type
+  use viscovib_prony, only: prony_kernel
+  implicit none
+  private
+
+  public :: bound_hidden, fit_memory, needs_fit
+
+  !> Shortest lag of a sum, as a part of the step.
+  real(wp), parameter :: shortest_lag = 1.0e-3_wp
+  !> Relative errors of sums, by turns as the step is halved: what two runs differ by tells both.
+  real(wp), parameter :: errors(0:1) = [5.0e-14_wp, 1.0e-12_wp]
+  !> What two runs may share of a motion, by measurement: twice the coarser one.
+  real(wp), parameter, public :: shared_error = 2.0e-12_wp
+  !> Frequencies times the step at which transforms agree.
+  real(wp), parameter :: agreed(2) = [0.5_wp, 2.0_wp]
+  !> Terms of a sum, as far as these are counted before step and end are known.
+  integer, parameter :: most_terms = 80
+
+contains
+
+  !> Whether some kernel that acts is no sum of exponentials.
+  pure logical function needs_fit(system)
+    type(polynomial_type), intent(in) :: system
+    integer :: k
+    needs_fit = .false.
+    do k = 1, size(system%kernels)
+      if (.not. any(system%kernel_of == k)) cycle
+      needs_fit = needs_fit .or. .not. fades_by_exponentials(system%kernels(k)%kernel)
+    end do
+  end function needs_fit
+
+  !> How many coordinates memory takes at most; -1: some kernel has no sum of exponentials.
+  integer function bound_hidden(system) result(n)
+    type(polynomial_type), intent(in) :: system
+    type(polynomial_type) :: whole
+    real(wp), allocatable :: weights(:), rates(:)
+    integer :: k
+
+    n = -1
+    if (.not. needs_fit(system)) then
+      n = count_hidden(system)
+      return
+    end if
+    call copy(system, whole)
+    do k = 1, size(system%kernels)
+      if (.not. any(system%kernel_of == k)) cycle
+      if (fades_by_exponentials(system%kernels(k)%kernel)) cycle
+      call system%kernels(k)%exponentials(errors(0), 1.0_wp, 10.0_wp, weights, rates)
+      if (size(rates) == 0) return
+      call replace(whole%kernels(k), spread(1.0_wp, 1, most_terms), spread(1.0_wp, 1, most_terms))
+    end do
+    n = count_hidden(whole)
+  end function bound_hidden
+
+  !> The same system with sums for steps of a run, and for times until `reach`.
+  subroutine fit_memory(system, step, reach, fitted)
+    type(polynomial_type), intent(in) :: system
+    real(wp), intent(in) :: step, reach
+    type(polynomial_type), intent(out) :: fitted
+    real(wp), allocatable :: weights(:), rates(:)
+    real(wp) :: first, weight, rate
+    integer :: k
+
+    call copy(system, fitted)
+    first = shortest_lag*step
+    do k = 1, size(system%kernels)
+      if (.not. any(system%kernel_of == k)) cycle
+      if (fades_by_exponentials(system%kernels(k)%kernel)) cycle
+      call system%kernels(k)%exponentials(errors(modulo(exponent(step), 2)), first, &
+                                          max(reach, 2.0_wp*step), weights, rates)
+      call find_rest(system%kernels(k), step, weights, rates, weight, rate)
+      call replace(fitted%kernels(k), [weights, weight], [rates, rate])
+    end do
+  end subroutine fit_memory
+
+  !> The exponential for what is over before the shortest lag.
+  subroutine find_rest(kernel, step, weights, rates, weight, rate)
+    type(kernel_holder), intent(in) :: kernel
+    real(wp), intent(in) :: step, weights(:), rates(:)
+    real(wp), intent(out) :: weight, rate
+    complex(wp) :: transform(2)
+    real(wp) :: s(2), rest(2)
+    integer :: i
+
+    s = agreed/step
+    call kernel%laplace(cmplx(s, 0.0_wp, wp), transform)
+    rest = [(real(transform(i)) - sum(weights/(s(i) + rates)), i=1, 2)]
+    rate = 1.0_wp/(shortest_lag*step)
+    ! Of a kernel that is hardly singular the rest is rounding, which has no rate.
+    if (rest(1) - rest(2) > epsilon(1.0_wp)*abs(rest(1))) then
+      rate = max(rate, (rest(2)*s(2) - rest(1)*s(1))/(rest(1) - rest(2)))
+    end if
+    weight = max(rest(1)*(s(1) + rate), 0.0_wp)
+  end subroutine find_rest
+
+  !> Component by component, for the sake of kernels (`copy_kernels`).
+  subroutine copy(system, other)
+    type(polynomial_type), intent(in) :: system
+    type(polynomial_type), intent(out) :: other
+
+    other%mass = system%mass
+    other%damping = system%damping
+    other%gather = system%gather
+    other%spread = system%spread
+    call copy_kernels(system%kernels, other%kernels)
+    other%kernel_of = system%kernel_of
+    other%n_zero = system%n_zero
+    other%n_silent = system%n_silent
+    if (allocated(system%rates)) other%rates = system%rates
+    other%bent = system%bent
+    other%separable = system%separable
+    other%odd = system%odd
+    other%degree = system%degree
+    other%base_direction = system%base_direction
+    other%monomials = system%monomials
+    other%laws = system%laws
+  end subroutine copy
+
+  subroutine replace(holder, weights, rates)
+    type(kernel_holder), intent(inout) :: holder
+    real(wp), intent(in) :: weights(:), rates(:)
+    type(prony_kernel) :: sum_of
+    sum_of%weights = weights
+    sum_of%rates = rates
+    holder%factor = 1.0_wp
+    deallocate (holder%kernel)
+    allocate (holder%kernel, source=sum_of)
+  end subroutine replace
+
+end module viscovib_fitted_memory
