@@ -122,6 +122,25 @@ subroutine law_values(code, number, n_code, arguments, n, n_arguments, value, sl
   call law%differentiate(arguments, value, slopes)
 end subroutine law_values
 
+!> The same without derivatives, which take most of the time.
+subroutine law_values_alone(code, number, n_code, arguments, n, n_arguments, value)
+  use, intrinsic :: iso_c_binding, only: c_double, c_int
+  use viscovib_law_program, only: law_program
+  implicit none
+  integer(c_int), intent(in) :: n_code, n, n_arguments
+  integer(c_int), intent(in) :: code(n_code)
+  real(c_double), intent(in) :: number(n_code), arguments(n, n_arguments)
+  real(c_double), intent(out) :: value(n)
+  !f2py threadsafe
+  type(law_program) :: law
+
+  law%n_arguments = n_arguments
+  law%code = code
+  law%number = number
+  call law%measure()
+  call law%evaluate(arguments, value)
+end subroutine law_values_alone
+
 !> Tell the core which procedure knows functions outside of it, by its address (see
 !! viscovib_law_outside).
 subroutine law_set_outside(address)

@@ -59,11 +59,20 @@ class Law:
 
     def __call__(self, at: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Values, shape (n,), and derivatives, shape (n, n_arguments), at (n, n_arguments)."""
-        code = np.array(self.code, dtype=np.intc)
-        number = np.array(self._numbers_of_core)
-        value, slopes = core.law_values(code, number, np.asfortranarray(at))
+        value, slopes = core.law_values(*self._program, np.asfortranarray(at))
         _native.raise_unheard()
         return np.asarray(value), np.asarray(slopes)
+
+    def values(self, at: FloatArray) -> FloatArray:
+        """Values alone, which take half the time."""
+        value = core.law_values_alone(*self._program, np.asfortranarray(at))
+        _native.raise_unheard()
+        return np.asarray(value)
+
+    @cached_property
+    def _program(self) -> tuple[npt.NDArray[np.intc], FloatArray]:
+        """Instructions and their numbers as the core takes them."""
+        return np.array(self.code, dtype=np.intc), np.array(self._numbers_of_core)
 
     @property
     def _numbers_of_core(self) -> tuple[float, ...]:
