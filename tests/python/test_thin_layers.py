@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 import viscovib as vv
 from scipy.integrate import solve_ivp
+from viscovib.systems import law_poles
 
 #: Text of a law with the strength F, the place g and the width e; its force of the operand z, and
 #: whether that is a rate.
@@ -235,3 +236,22 @@ def test_wide_layers_stay_side_by_side() -> None:
     wide = vv.PolynomialSystem(mass=1, stiffness=1, damping=0.1, forces="0.3*tanh(x_dot/0.1)")
     many = vv.simulate_ensemble(wide, initial=np.ones((9, 2)), t_end=6.0, load=0.5, nu=1.0)
     assert "8 side by side" in str(many.plan)
+
+
+def test_few_widths_tell_no_layer_off() -> None:
+    # Most places are told off by few widths about them: none that all widths call thin is.
+    rng = np.random.default_rng(11)
+    n_places = n_thin = 0
+    for text in [*LAWS] * 20:
+        numbers = {"F": 1.0, "g": rng.uniform(-0.7, 0.7), "e": 10 ** rng.uniform(-9, -1)}
+        system = vv.PolynomialSystem(mass=1, stiffness=1, forces=text, parameters=numbers)
+        ((_, law),) = system.groups[0].laws
+        t = np.arange(12) * rng.uniform(0.3, 1.4)
+        at = np.stack([np.cos(t), -np.sin(t)], axis=1)[:, : len(law.arguments)]
+        places = law_poles._places(law, law_poles._bent(law), at[:-1], at[1:])
+        changes = law_poles._changes(law, places)
+        thin = [p for p, (_, width) in zip(places, changes, strict=True) if width <= 0.1]
+        kept = law_poles._sharp(law, places)
+        assert {p.row for p in thin} <= {p.row for p in kept}
+        n_places, n_thin = n_places + len(places), n_thin + len(thin)
+    assert 0 < n_thin < n_places

@@ -42,6 +42,9 @@ _WIDTHS = np.logspace(-12, 0, 241)
 _THIN = 0.1
 #: Where a law is looked at about a place, in such parts: on both sides of it, and there.
 _ASIDE = np.concatenate([-_WIDTHS, _WIDTHS, [0.0]])
+#: Few of them, which tell most places off: those about which less than this part of what a law
+#: changes by happens within the thin ones.
+_COARSELY, _SOME = np.concatenate([-_WIDTHS[::4], _WIDTHS[::4], [0.0]]), 0.1
 #: Places looked at with one call, whose numbers stay in the cache.
 _AT_ONCE = 8
 
@@ -129,7 +132,7 @@ def layer_between(
     """Return the largest change of a law that no state, as of ``law_pole``, is within."""
     found = None
     for law, rows, rates in _arguments(system, *at, _SMOOTH):
-        places = _places(law, _bent(law), rows[:-1], rows[1:])
+        places = _sharp(law, _places(law, _bent(law), rows[:-1], rows[1:]))
         for place, (change, width) in zip(places, _changes(law, places), strict=True):
             if width > _THIN or (found is not None and change <= found.change):
                 continue
@@ -307,25 +310,48 @@ def _grows(law: Law, place: _Place) -> bool:
     return False
 
 
-def _changes(law: Law, places: list[_Place]) -> Iterator[tuple[float, float]]:
+def _sharp(law: Law, places: list[_Place]) -> list[_Place]:
+    """Those of the places about which a tenth of what a law changes by may happen within a layer.
+
+    Layers are as wide as they are far from a place, or wider: some of the widths see them.
+    """
+    if not places:
+        return []
+    values = _values_about(law, places, _COARSELY)
+    both = np.abs(values[:, :-1] - values[:, -1:])
+    within = both[:, np.abs(_COARSELY[:-1]) <= _THIN].max(axis=1)
+    smooth = within < _SOME * both.max(axis=1)
+    return [place for place, passed in zip(places, smooth.tolist(), strict=True) if not passed]
+
+
+def _changes(law: Law, places: list[_Place]) -> list[tuple[float, float]]:
     """By how much a law changes about each place, and within what half width half of it happens."""
+    if not places:
+        return []
+    values = _values_about(law, places, _ASIDE)
+    largest = np.maximum(values.max(axis=1), -values.min(axis=1))
+    both = np.abs(values[:, :-1] - values[:, -1:])
+    change = both.max(axis=1)
+    half = both >= 0.5 * change[:, np.newaxis]
+    half = half[:, : _WIDTHS.size] | half[:, _WIDTHS.size :]
+    widths = _WIDTHS[half.argmax(axis=1)]
+    # A step changes on both sides, a bump goes back on both.
+    ends = np.abs(values[:, -2] - values[:, _WIDTHS.size - 1])
+    found = np.where((largest >= _WALL) | ~(change > 0), 0.0, np.maximum(change, ends))
+    return list(zip(found.tolist(), np.where(found > 0, widths, 1.0).tolist(), strict=True))
+
+
+def _values_about(law: Law, places: list[_Place], aside: FloatArray) -> FloatArray:
+    """Values of a law at such parts of the way aside of each place, shape (m, n_aside)."""
+    found = np.empty((len(places), aside.size))
     for begin in range(0, len(places), _AT_ONCE):
         some = places[begin : begin + _AT_ONCE]
         # An argument after the other, as the core takes them.
         there = np.array([place.there for place in some]).T[:, :, np.newaxis]
         along = np.array([place.along for place in some]).T[:, :, np.newaxis]
-        at = (there + along * _ASIDE).reshape(there.shape[0], -1).T
-        values = law.values(at).reshape(len(some), -1)
-        largest = np.maximum(values.max(axis=1), -values.min(axis=1))
-        both = np.abs(values[:, :-1] - values[:, -1:])
-        change = both.max(axis=1)
-        half = both >= 0.5 * change[:, np.newaxis]
-        half = half[:, : _WIDTHS.size] | half[:, _WIDTHS.size :]
-        widths = _WIDTHS[half.argmax(axis=1)]
-        # A step changes on both sides, a bump goes back on both.
-        ends = np.abs(values[:, -2] - values[:, _WIDTHS.size - 1])
-        found = np.where((largest >= _WALL) | ~(change > 0), 0.0, np.maximum(change, ends))
-        yield from zip(found.tolist(), np.where(found > 0, widths, 1.0).tolist(), strict=True)
+        at = (there + along * aside).reshape(there.shape[0], -1).T
+        found[begin : begin + _AT_ONCE] = law.values(at).reshape(len(some), -1)
+    return found
 
 
 def _divisors(law: Law) -> list[Law]:
