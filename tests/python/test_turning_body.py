@@ -33,7 +33,8 @@ def some_body(seed=3, *, kernel=None, damping=0.15, laws=True, **options):
 def with_quaternions(body, state, t_end, force, torque):
     """State at the end: R by a quaternion, momentum in space, loads f(t) and t(t) by SciPy."""
     inertia = body.inertia
-    arms = [(mount, np.asarray(mount.position)) for mount in body.mounts]
+    # SciPy turns no vectors that are read-only.
+    arms = [(mount, np.array(mount.position)) for mount in body.mounts]
 
     def rates(t, y):
         place, speed, q, spin = y[:3], y[3:6], y[6:10], y[10:]

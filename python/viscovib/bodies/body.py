@@ -40,6 +40,7 @@ from viscovib.bodies.turning import (
 )
 from viscovib.bodies.unit_doubts import warn_of_units
 from viscovib.common.counts import things
+from viscovib.common.values import own
 from viscovib.errors import InputError, StabilityWarning, caller
 from viscovib.systems.condensed import Condensation
 from viscovib.systems.laws import Law
@@ -136,17 +137,17 @@ class Body(LinearBody):
         base_direction: str | npt.ArrayLike | None = None,
         spin: npt.ArrayLike = (0.0, 0.0, 0.0),
     ) -> None:
-        own = object.__setattr__
-        own(self, "body_mass", _native.number("mass", mass))
+        keep = object.__setattr__
+        keep(self, "body_mass", _native.number("mass", mass))
         if not self.body_mass > 0:
             raise InputError(f"mass = {self.body_mass:g}: must be greater than 0")
-        own(self, "inertia", checked_inertia(inertia))
-        own(self, "mounts", checked_mounts(mounts))
-        own(self, "center", checked_vector("center", center))
-        own(self, "geometry", _native.choice("geometry", geometry, _GEOMETRIES))
-        own(self, "load_axes", _native.choice("load_axes", load_axes, _LOAD_AXES))
-        own(self, "gravity", checked_gravity(gravity))
-        own(self, "spin", checked_vector("spin", spin))
+        keep(self, "inertia", own(checked_inertia(inertia)))
+        keep(self, "mounts", checked_mounts(mounts))
+        keep(self, "center", own(checked_vector("center", center)))
+        keep(self, "geometry", _native.choice("geometry", geometry, _GEOMETRIES))
+        keep(self, "load_axes", _native.choice("load_axes", load_axes, _LOAD_AXES))
+        keep(self, "gravity", own(checked_gravity(gravity)))
+        keep(self, "spin", own(checked_vector("spin", spin)))
         springs = mount_springs(self.mounts, self.center)
         warn_of_units(self.body_mass, self.inertia, self.center, self.mounts, springs)
         matrix = springs.mass_of_tracks
@@ -166,8 +167,8 @@ class Body(LinearBody):
                 turn = turned(sag.displacement[3:6], np.eye(3)).T
                 matrix[3:6, 3:6] = turn @ self.inertia @ turn.T
             preload = geometric_stiffness(springs, sag._carried)
-        own(self, "_sag", sag)
-        own(self, "_mount_springs", springs)
+        keep(self, "_sag", sag)
+        keep(self, "_mount_springs", springs)
         direction = None if base_direction is None else checked_direction(base_direction, n)
         self._check_geometry(direction)
         damping = np.array(springs.damping_matrix)

@@ -11,6 +11,7 @@ import numpy.typing as npt
 
 from viscovib import _native
 from viscovib._native import ComplexArray, FloatArray
+from viscovib.common.values import own, own_fields
 from viscovib.errors import InputError
 from viscovib.kernels.relaxation import Kernel
 from viscovib.systems.laws import Law, named_in, parameter_values, read_law, with_numbers
@@ -141,6 +142,7 @@ class MountPoint:
     laws: tuple[dict[int, float] | Law, ...] = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
+        own_fields(self)
         fits = isinstance(self.name, str) and self.name.isascii() and self.name.isidentifier()
         if not fits or len(self.name) > 14:
             raise InputError(
@@ -148,7 +150,7 @@ class MountPoint:
                 "a digit, and have at most 14 characters"
             )
         self._set("position", self._vector("position", self.position))
-        self._set("rotation", self._rotation())
+        self._set("rotation", own(self._rotation()))
         stiffness = self._vector("stiffness", self.stiffness, positive=True)
         self._set("stiffness", stiffness)
         damping = _native.real_array("damping", self.damping)
@@ -166,8 +168,7 @@ class MountPoint:
             elastic[j] += linear
             laws.append(law)
         self._set("laws", tuple(laws))
-        stiffness.setflags(write=False)
-        self._set("_elastic", elastic)
+        self._set("_elastic", own(elastic))
         if self.track is not None:
             _native.check_instance(f"{self.name}: track", self.track, FluidTrack)
         if not (elastic.any() or any(laws) or turning.any() or self.track):
@@ -231,12 +232,12 @@ class MountPoint:
         object.__setattr__(self, name, value)
 
     def _vector(self, name: str, value: Any, *, positive: bool = False) -> FloatArray:
-        vector = _native.real_array(f"{self.name}: {name}", value).copy()
+        vector = _native.real_array(f"{self.name}: {name}", value)
         if vector.shape != (3,):
             raise InputError(f"{self.name}: {name}: must have shape (3,), got {vector.shape}")
         if positive and (vector < 0).any():
             raise InputError(f"{self.name}: {name} = {vector.min():g}: must not be negative")
-        return np.asarray(vector)
+        return np.asarray(own(vector))
 
     def _rotation(self) -> FloatArray:
         angles = self._vector("angles", self.angles)

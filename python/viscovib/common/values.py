@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import dataclasses
 from collections.abc import Mapping
 from typing import Any
@@ -29,6 +30,28 @@ class Value:
         """Name the fields; of long arrays only the shape and the ends."""
         told = ", ".join(f"{name}={_short(getattr(self, name))}" for name in _public(self))
         return f"{type(self).__name__}({told})"
+
+
+def own(value: Any) -> Any:
+    """Return what was given as nobody else can change it: arrays as copies that are read-only."""
+    if isinstance(value, np.ndarray):
+        array = np.array(value, subok=True)
+        array.setflags(write=False)
+        return array
+    if type(value) in (list, tuple):
+        return type(value)(map(own, value))
+    if type(value) is dict:
+        return {key: own(one) for key, one in value.items()}
+    # Matrices of SciPy and what else holds numbers, as tables and buffers.
+    holds = hasattr(value, "__array__") or hasattr(value, "toarray") or hasattr(value, "typecode")
+    return copy.deepcopy(value) if holds else value
+
+
+def own_fields(value: Any, *names: str) -> None:
+    """Let a frozen dataclass own what it was given: these fields, or all of its arguments."""
+    given = names or [field.name for field in dataclasses.fields(value) if field.init]
+    for name in given:
+        object.__setattr__(value, name, own(getattr(value, name)))
 
 
 def _public(value: Any) -> list[str]:

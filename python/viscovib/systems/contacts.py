@@ -4,6 +4,7 @@ from dataclasses import dataclass, replace
 from typing import Any, ClassVar
 
 from viscovib import _native
+from viscovib.common.values import own_fields
 from viscovib.errors import InputError
 from viscovib.systems.laws import Law, read_law
 
@@ -22,6 +23,7 @@ class Contact:
     _both: ClassVar[bool] = False
 
     def __post_init__(self) -> None:
+        own_fields(self)
         object.__setattr__(self, "gap", _native.number("gap", self.gap))
         if (self.stiffness is None) == (self.restitution is None):
             raise InputError("stiffness, restitution: one of them must be given, and only one")

@@ -9,6 +9,7 @@ import numpy.typing as npt
 
 from viscovib import _native
 from viscovib._native import FloatArray
+from viscovib.common.values import own_fields
 from viscovib.errors import InputError
 
 #: Unknowns at most.
@@ -60,6 +61,7 @@ class CubicSystem:
     _n: int = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
+        own_fields(self)
         mass = _native.real_array("mass", self.mass, ndim=2)
         n = mass.shape[0]
         if not 1 <= n <= _MOST:

@@ -9,6 +9,7 @@ import numpy as np
 from viscovib import _native
 from viscovib._native import FloatArray
 from viscovib.common.expression import MAX_DEGREE
+from viscovib.common.values import own_fields
 from viscovib.errors import InputError
 from viscovib.kernels.relaxation import Kernel
 from viscovib.systems.contacts import Contact
@@ -63,6 +64,7 @@ class Spring:
     kernel: Kernel | None = None
 
     def __post_init__(self) -> None:
+        own_fields(self)
         for name in ("stiffness", "damping"):
             object.__setattr__(self, name, _native.number(name, getattr(self, name)))
         if not (self.kernel is None or isinstance(self.kernel, Kernel)):
@@ -124,6 +126,7 @@ class Coupling:
     kernel: Kernel | None = None
 
     def __post_init__(self) -> None:
+        own_fields(self)
         if (
             not isinstance(self.on, Mapping)
             or not self.on

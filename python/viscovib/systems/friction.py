@@ -9,6 +9,7 @@ import numpy.typing as npt
 
 from viscovib import _native
 from viscovib._native import FloatArray, core
+from viscovib.common.values import own_fields
 from viscovib.errors import InputError
 from viscovib.systems.laws import Law
 
@@ -117,6 +118,7 @@ class Jenkins(Hysteresis):
     _state: ClassVar[int] = 1
 
     def __post_init__(self) -> None:
+        own_fields(self)
         _take(self, _positive, "stiffness", "limit")
 
     @property
@@ -158,6 +160,7 @@ class Iwan(Hysteresis):
     _state: ClassVar[int] = 1
 
     def __post_init__(self) -> None:
+        own_fields(self)
         for name in ("stiffness", "limit"):
             values = _native.real_array(name, getattr(self, name))
             if values.ndim != 1 or not 0 < values.size <= _MOST:
@@ -221,6 +224,7 @@ class BoucWen(Hysteresis):
     _state: ClassVar[int] = 2
 
     def __post_init__(self) -> None:
+        own_fields(self)
         _take(self, _positive, "stiffness", "beta")
         _take(self, _native.number, "ratio", "gamma", "exponent")
         if not 0 <= self.ratio < 1:
@@ -275,6 +279,7 @@ class Dahl(Hysteresis):
     _state: ClassVar[int] = 3
 
     def __post_init__(self) -> None:
+        own_fields(self)
         _take(self, _positive, "stiffness", "limit")
         _take(self, _native.number, "exponent")
         _exponent(self.exponent, 0.0, _EXPONENTS[1])

@@ -10,6 +10,7 @@ import numpy.typing as npt
 
 from viscovib import _native
 from viscovib._native import FloatArray
+from viscovib.common.values import own_fields
 from viscovib.errors import InputError
 
 #: Pieces of a half sine: the spline is off by 6e-11 of its peak.
@@ -54,6 +55,7 @@ class LoadTable:
     _kinds: ClassVar[tuple[str, ...]] = ("linear", "cubic")
 
     def __post_init__(self) -> None:
+        own_fields(self, "on")
         _native.choice("interpolation", self.interpolation, self._kinds)
         for name in ("times", "values"):
             array = _native.real_array(name, getattr(self, name)).copy()

@@ -14,6 +14,7 @@ import numpy.typing as npt
 from viscovib import _native
 from viscovib._native import ComplexArray, FloatArray, core
 from viscovib.common.expression import spell
+from viscovib.common.values import own_fields
 from viscovib.errors import InputError
 from viscovib.kernels.relaxation import Kernel
 from viscovib.systems.characteristic import CharacteristicRoots, characteristic_roots
@@ -120,6 +121,7 @@ class PolynomialSystem:
     groups: tuple[SpringGroup, ...] = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
+        own_fields(self, "stiffness", "forces", "springs", "names", "units")
         mass = square_matrix("mass", self.mass, None)
         n = mass.shape[0]
         if not 1 <= n <= _MAX_COORDINATES:

@@ -12,6 +12,7 @@ import numpy.typing as npt
 from viscovib import _native
 from viscovib._native import FloatArray
 from viscovib.common.expression import MAX_DEGREE, Polynomial
+from viscovib.common.values import own, own_fields
 from viscovib.errors import InputError
 from viscovib.kernels.relaxation import Kernel
 from viscovib.systems.laws import Law, read_law
@@ -47,6 +48,9 @@ class Monomial:
     powers: Mapping[str, int] | Sequence[int]
     on: str | int = 0
 
+    def __post_init__(self) -> None:
+        own_fields(self)
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Springs:
@@ -68,6 +72,7 @@ class Springs:
     kernel: Kernel | None = None
 
     def __post_init__(self) -> None:
+        own_fields(self)
         object.__setattr__(self, "forces", python_laws(self.forces))
 
 
@@ -107,7 +112,7 @@ class SpringGroup(NamedTuple):
 def square_matrix(name: str, value: npt.ArrayLike | None, n: int | None) -> FloatArray:
     """Return a number, a diagonal or a matrix as a matrix that does not change."""
     if value is None:
-        return np.zeros((n or 0, n or 0))
+        return np.asarray(own(np.zeros((n or 0, n or 0))))
     given = _native.real_array(name, value)
     matrix = np.diag(np.atleast_1d(given)) if given.ndim < 2 else given.copy()
     size = matrix.shape[0] if n is None else n

@@ -12,6 +12,7 @@ import numpy.typing as npt
 
 from viscovib import _native
 from viscovib._native import FloatArray
+from viscovib.common.values import own_fields
 from viscovib.errors import InputError
 from viscovib.kernels.relaxation import Kernel
 from viscovib.systems.condensed import Condensation, LoadedStructure
@@ -128,6 +129,7 @@ class Structure:
     dof_units: tuple[str, ...] = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
+        own_fields(self, "modal_damping", "rayleigh", "elements", "layers", "names", "units")
         sparse = any(is_sparse(m) for m in (self.mass, self.stiffness, self.damping))
         mass = matrix_of("mass", self.mass, None, sparse)
         n = mass.shape[0]
