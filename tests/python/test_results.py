@@ -250,7 +250,10 @@ def test_netcdf_holds_everything(named_result, tmp_path):
 def test_what_is_saved_says_how_sure_it_is(named_result):
     """What a result tells of its error, and how it ended, is in its Dataset too."""
     _, result = named_result
-    told = ("outcome", "error", "truncation", "error_estimate", "growth_error", "folds")
+    told = (
+        "outcome", "error", "truncation", "error_estimate", "coordinate_errors", "growth_error",
+        "folds", "iterations",
+    )  # fmt: skip
     data = result.to_dataset()
     for name in told:
         value = getattr(result, name, None)
@@ -258,6 +261,23 @@ def test_what_is_saved_says_how_sure_it_is(named_result):
             continue
         assert name in data or name in data.attrs, name
         np.testing.assert_array_equal(data[name] if name in data else data.attrs[name], value)
+
+
+@pytest.mark.parametrize("name", ["branch", "driven branch"])
+def test_what_is_saved_tells_where_stability_changes(name):
+    if name == "branch":
+        hard = vv.PolynomialSystem(mass=1, stiffness=1, damping=0.05, forces="x^3")
+        branch = vv.trace_response(hard, (0.8, 2.5), load=0.3)
+    else:
+        body = vv.Pendulum(e=0.1, w2=0.4, w3=0.8, c1=0.01, c2=0.01, c3=0.01, f0=0.02, p1=0.9)
+        branch = vv.trace_response(body, p1=(0.7, 0.9))
+    data = branch.to_dataset()
+    assert branch.crossings
+    for key in ("kind", "before", "sure"):
+        saved = data[f"crossing_{key}"].values.tolist()
+        assert saved == [getattr(crossing, key) for crossing in branch.crossings]
+    places = [np.nan if one.parameter is None else one.parameter for one in branch.crossings]
+    np.testing.assert_array_equal(data["crossing_parameter"], places)
 
 
 def test_a_difference_is_seen():

@@ -55,6 +55,7 @@ from viscovib.results.curves import (
     Curve,
     branch_notes,
     check_departure,
+    crossing_variables,
     largest_panels,
     located_branch_points,
     located_crossings,
@@ -216,6 +217,8 @@ class DrivenBranch(PeriodicMotions, Curve):
             "orders": (("order", "axis"), self.orders),
             "coefficients": (("point", "dof", "order"), self.coefficients),
             "truncation": ("point", self.truncation),
+            "iterations": ("point", self.iterations),
+            **crossing_variables(self.crossings),
         }
         if self.stable is not None:
             data["stable"] = ("point", self.stable)

@@ -18,7 +18,13 @@ from viscovib.common.periodic_motions import PeriodicMotions
 from viscovib.common.plan import Plan, wanted_places
 from viscovib.common.tables import Table, listed_units
 from viscovib.errors import InputError
-from viscovib.results.curves import BranchPoint, Crossing, Curve, branch_notes
+from viscovib.results.curves import (
+    BranchPoint,
+    Crossing,
+    Curve,
+    branch_notes,
+    crossing_variables,
+)
 from viscovib.results.dissipation import Parts
 from viscovib.results.response import MAX_SEARCH
 from viscovib.results.sampling import add_asked, lost_energy, sampling_errors, told_sampling
@@ -277,6 +283,8 @@ class Branch(PeriodicMotions, Curve):
             "truncation": ("point", self.truncation),
             "sampling": ("point", self.sampling),
             "error": ("point", self.error),
+            "iterations": ("point", self.iterations),
+            **crossing_variables(self.crossings),
         }
         if self.stable is not None and self.multipliers is not None:
             whole = self.stable.dtype == bool

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -66,6 +66,17 @@ class Crossing:
         place = "" if self.parameter is None else f" at {self.parameter:.15g}"
         unsure = "" if self.sure else " (not sure: too few harmonics)"
         return f"stability changes after point {self.before + 1}: {self.kind}{place}{unsure}"
+
+
+def crossing_variables(crossings: Sequence[Crossing]) -> dict[str, Any]:
+    """Crossings as variables of a Dataset, without their motions; NaN: place not found."""
+    places = [np.nan if one.parameter is None else one.parameter for one in crossings]
+    return {
+        "crossing_kind": ("crossing", np.array([one.kind for one in crossings], dtype="U17")),
+        "crossing_before": ("crossing", np.array([one.before for one in crossings], dtype=int)),
+        "crossing_parameter": ("crossing", np.array(places, dtype=float)),
+        "crossing_sure": ("crossing", np.array([one.sure for one in crossings], dtype=bool)),
+    }
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -119,10 +119,16 @@ class ScalesMotion(Result):
                 "state": (("t", "component"), self.state),
                 "amplitude": (("t", "mode"), self.modulation.amplitude),
                 "order_sizes": (("t", "order"), self.order_sizes),
+                "coordinate_errors": (("t", "dof"), self.coordinate_errors),
                 "error_estimate": ("t", self.error_estimate),
                 "in_range": ("t", self.in_range),
             },
-            coords={"t": self.t, "component": names, "order": [1, 2, 3]},
+            coords={
+                "t": self.t,
+                "component": names,
+                "dof": list(self.dof_names),
+                "order": [1, 2, 3],
+            },
             attrs={"plan": str(self.plan)},
         )
 
