@@ -4,6 +4,7 @@ import os
 import resource
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 import viscovib as vv
@@ -128,3 +129,24 @@ def test_a_full_disk_is_told_and_leaves_nothing(name, run, tmp_path):
         resource.setrlimit(resource.RLIMIT_FSIZE, (most, most))
     assert str(raised.value).startswith(str(tmp_path))
     assert not list(tmp_path.iterdir())
+
+
+def test_a_link_is_written_through_and_stays(tmp_path):
+    """What is written to a link is in the file that it names, which need not be there before."""
+    (tmp_path / "there").mkdir()
+    run = vv.simulate(vv.PolynomialSystem(mass=1, stiffness=1), 1, initial=[1, 0])
+    for name in ("old.csv", "new.csv"):
+        link, target = tmp_path / name, tmp_path / "there" / name
+        link.symlink_to(Path("there") / name)
+        if name == "old.csv":
+            target.write_text("old")
+        run.to_csv(link)
+        assert link.is_symlink()
+        assert not target.is_symlink()
+        assert target.read_text().startswith("#")
+    assert {path.name for path in (tmp_path / "there").iterdir()} == {"old.csv", "new.csv"}
+    circle = tmp_path / "circle.csv"
+    circle.symlink_to(circle)
+    with pytest.raises(vv.FileError, match="cannot be written"):
+        run.to_csv(circle)
+    assert circle.is_symlink()

@@ -98,3 +98,26 @@ def test_wrong_files(tmp_path):
         s.write(tmp_path / "s.txt")
     with pytest.raises(vv.InputError, match="coordinates: only a reduced structure"):
         s.write(tmp_path / "s.npz", coordinates=["x1"])
+
+
+def test_matrices_are_all_written_or_none(tmp_path):
+    """A limit on the size of files lets the mass pass and not the stiffness."""
+    resource = pytest.importorskip("resource")
+    n = 30
+    system = vv.Structure(mass=np.ones(n), stiffness=np.eye(n) * n + np.ones((n, n)) / 3)
+    system.write(tmp_path / "a.mtx")
+    before = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
+    sizes = {name: len(content) for name, content in before.items()}
+    room = sizes["a_mass.mtx"] + 100
+    assert room < sizes["a_stiffness.mtx"]
+    other = vv.Structure(mass=np.full(n, 2.0), stiffness=system.stiffness)
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (room, limits[1]))
+    try:
+        with pytest.raises(vv.FileError, match=r"a_stiffness.mtx: cannot be written"):
+            other.write(tmp_path / "a.mtx")
+        with pytest.raises(vv.FileError):
+            other.write(tmp_path / "b.mtx")
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+    assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == before

@@ -1,5 +1,6 @@
 """Files that are there whole or not at all."""
 
+import errno
 import os
 import stat
 import threading
@@ -12,7 +13,7 @@ from viscovib.common.parameters import FilePath
 from viscovib.errors import FileError
 
 #: Threads that write one file do so one after the other, since they share what stands beside it.
-_WRITING: dict[Path, threading.Lock] = {}
+_WRITING: dict[Path, threading.RLock] = {}
 
 
 def bytes_of(path: str, largest: int, what: str) -> bytes:
@@ -40,37 +41,50 @@ def bytes_of(path: str, largest: int, what: str) -> bytes:
     return content
 
 
-def check_place(target: Path) -> None:
-    """Refuse what is there and no file, link or folder: it would be replaced."""
+def place_of(target: Path) -> Path:
+    """Return where a file is put: a link leads on to what it names, which need not be there.
+
+    What is there and no file or folder is refused: it would be replaced.
+    """
     try:
-        mode = target.lstat().st_mode
-    except (OSError, ValueError):
-        return
-    if not (stat.S_ISREG(mode) or stat.S_ISLNK(mode) or stat.S_ISDIR(mode)):
+        place = target.resolve() if target.is_symlink() else target
+        mode = place.lstat().st_mode
+    except FileNotFoundError:
+        return place
+    except (OSError, RuntimeError, ValueError) as error:
+        # Links in a circle among them.
+        why = getattr(error, "strerror", None) or error
+        raise FileError(f"{target}: cannot be written ({why})") from None
+    if stat.S_ISLNK(mode):
+        raise FileError(f"{target}: cannot be written ({os.strerror(errno.ELOOP)})")
+    if not (stat.S_ISREG(mode) or stat.S_ISDIR(mode)):
         raise FileError(f"{target}: cannot be written (not a regular file)")
+    return place
 
 
 @contextmanager
 def whole_file(path: str | os.PathLike[str], mode: str = "w") -> Iterator[IO[str]]:
     """Open a file beside ``path`` and put it in its place only when all is written.
 
-    What stands beside it is removed first, and not followed if it is a link. A device or a pipe is
-    refused: a file would take its place.
+    A link is followed, and stays. What stands beside the file is removed first, and not followed if
+    it is a link. A device or a pipe is refused: a file would take its place.
     """
     target = Path(FilePath("path").check(path))
     if not target.name:
         raise FileError(f"path = {str(target)!r}: is not a path of a file")
-    check_place(target)
-    part = target.with_name(target.name + ".part")
+    place = place_of(target)
+    part = place.with_name(place.name + ".part")
     encoding = None if "b" in mode else "utf-8"
-    with _WRITING.setdefault(target.absolute(), threading.Lock()):
+    with _WRITING.setdefault(place.absolute(), threading.RLock()):
         try:
             with suppress(FileNotFoundError):
                 part.unlink()
             with open(part, mode.replace("w", "x"), encoding=encoding) as file:
                 yield file
-            os.replace(part, target)
+            os.replace(part, place)
         except OSError as error:
+            if isinstance(error, FileError):
+                raise
             raise FileError(f"{target}: cannot be written ({error.strerror})") from None
         finally:
             with suppress(OSError):

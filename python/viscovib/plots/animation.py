@@ -12,7 +12,7 @@ import numpy as np
 
 from viscovib import _native
 from viscovib._native import FloatArray
-from viscovib.common.files import check_place, whole_file
+from viscovib.common.files import place_of, whole_file
 from viscovib.common.parameters import FilePath, Number, Whole
 from viscovib.errors import FileError, InputError
 from viscovib.plots.outlines import Drawing, drawing_of
@@ -224,13 +224,13 @@ def write_film(made: FuncAnimation, path: Path, rate: float) -> None:
             page = made.to_jshtml(fps=max(1, round(rate)))
             file.write(f"<!DOCTYPE html><meta charset='utf-8'><title>motion</title>{page}")
         return
-    check_place(path)
-    part = path.with_name(f"{path.stem}.part{path.suffix}")
+    place = place_of(path)
+    part = place.with_name(f"{place.stem}.part{path.suffix}")
     try:
         # Pillow's frames last a whole number of hundredths of a second.
         film = path.suffix.lower() == ".mp4"
         made.save(part, writer="ffmpeg" if film else PillowWriter(max(1, round(rate))), dpi=90)
-        os.replace(part, path)
+        os.replace(part, place)
     except OSError as error:
         raise FileError(f"{path}: cannot be written ({error.strerror or error})") from None
     finally:

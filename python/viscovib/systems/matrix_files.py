@@ -75,7 +75,12 @@ def write_matrix(path: str | os.PathLike[str], matrix: Any, comment: str = "") -
         if ending == ".npz":
             save_npz(target, csc_array(matrix))
         else:
-            mmwrite(target, coo_array(matrix), comment=comment, precision=17)
+            put_matrix_market(target, matrix, comment)
+
+
+def put_matrix_market(target: Any, matrix: Any, comment: str = "") -> None:
+    """Write a matrix in all its digits into a file that is open."""
+    mmwrite(target, coo_array(matrix), comment=comment, precision=17)
 
 
 def _matrix_market(name: str, file: Path, size: int) -> Any:

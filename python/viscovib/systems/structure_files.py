@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import zipfile
 from collections.abc import Sequence
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -13,7 +14,7 @@ import numpy as np
 from viscovib.common.files import whole_file
 from viscovib.common.parameters import FilePath
 from viscovib.errors import FileError, InputError
-from viscovib.systems.matrix_files import read_matrix, write_matrix
+from viscovib.systems.matrix_files import put_matrix_market, read_matrix
 from viscovib.systems.structure_matrices import is_sparse
 
 #: What a file says it holds.
@@ -94,12 +95,17 @@ def write_structure(
             f"path = {str(path)!r}: modal damping, Rayleigh and loss factors have no matrix: must "
             "end in .npz"
         )
-    for name, matrix in parts.items():
-        named = isinstance(matrix, Named)
-        write_matrix(
-            file.with_name(f"{file.stem}_{name}.mtx"), matrix.array if named else matrix,
-            "rows: " + " ".join(matrix.names) if named else "",
-        )  # fmt: skip
+    # None is put in its place before all are written: a mass without its stiffness is no structure.
+    with ExitStack() as all_written:
+        for name, matrix in parts.items():
+            named = isinstance(matrix, Named)
+            one = file.with_name(f"{file.stem}_{name}.mtx")
+            target = all_written.enter_context(whole_file(one, "wb"))
+            put_matrix_market(
+                target, matrix.array if named else matrix,
+                "rows: " + " ".join(matrix.names) if named else "",
+            )  # fmt: skip
+            target.flush()
 
 
 def _write_whole(structure: Any, file: Path) -> None:
