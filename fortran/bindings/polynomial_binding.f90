@@ -192,8 +192,8 @@ subroutine polynomial_fastest(flat, n_flat, fastest, status)
 end subroutine polynomial_fastest
 
 !> What such a motion computes and skips; last_only /= 0: one state is kept.
-subroutine polynomial_plan(flat, n_flat, orders, series, n_rows, n_series, initial, t_end, dt, &
-                           tolerance, method, save_every, last_only, text, status)
+subroutine polynomial_plan(flat, n_flat, reach, orders, series, n_rows, n_series, initial, t_end, &
+                           dt, tolerance, method, save_every, last_only, text, status)
   use, intrinsic :: iso_c_binding, only: c_double, c_double_complex, c_int
   use viscovib_binding_tools, only: make_load, report
   use viscovib_load, only: load_type
@@ -205,7 +205,7 @@ subroutine polynomial_plan(flat, n_flat, orders, series, n_rows, n_series, initi
   implicit none
   integer(c_int), intent(in) :: n_flat, n_rows, n_series, orders(n_series)
   integer(c_int), intent(in) :: method, save_every, last_only
-  real(c_double), intent(in) :: flat(n_flat), initial(2*n_rows - 2), t_end, dt, tolerance
+  real(c_double), intent(in) :: flat(n_flat), reach, initial(2*n_rows - 2), t_end, dt, tolerance
   complex(c_double_complex), intent(in) :: series(n_rows, n_series)
   character(len=2048), intent(out) :: text
   integer(c_int), intent(out) :: status
@@ -218,7 +218,7 @@ subroutine polynomial_plan(flat, n_flat, orders, series, n_rows, n_series, initi
   if (.not. outcome%failed()) call make_load(load, orders, series, outcome)
   if (.not. outcome%failed()) then
     text = plan_polynomial(transient_job(initial, t_end, dt, tolerance, method, save_every, &
-                                         last_only /= 0), system, load)
+                                         last_only /= 0), system, load, reach)
   end if
   call report(outcome, status)
 end subroutine polynomial_plan

@@ -2,7 +2,7 @@
 module viscovib_polynomial_job
   use viscovib_constants, only: pi
   use viscovib_counters, only: count_up, counted_idle, counting
-  use viscovib_fitted_memory, only: needs_fit, shared_error
+  use viscovib_fitted_memory, only: needs_fit, shared_error, tell_fit
   use viscovib_hidden_memory, only: count_hidden
   use viscovib_kinds, only: i8, wp
   use viscovib_law_program, only: branches
@@ -13,8 +13,8 @@ module viscovib_polynomial_job
   use viscovib_polynomial_motion, only: polynomial_motion_type
   use viscovib_reduction, only: moved_coordinates, reduce, state_mask
   use viscovib_status, only: status_type, things
-  use viscovib_transient_job, only: driven_runs, make_runs, run_maker, run_transient, &
-    trajectory_type, transient_job
+  use viscovib_transient_job, only: driven_runs, first_steps, make_runs, run_maker, &
+    run_transient, trajectory_type, transient_job
   use viscovib_transient_plan, only: plan_transient
   implicit none
   private
@@ -130,15 +130,23 @@ contains
   end subroutine run_whole
 
   !> What will be computed and what is skipped, with the reasons.
-  function plan_polynomial(job, system, load) result(text)
+  function plan_polynomial(job, system, load, reach) result(text)
     type(transient_job), intent(in) :: job
     type(polynomial_type), intent(in) :: system
     type(load_type), intent(in) :: load
+    !> Latest time of any run that goes on from this one, for which kernels are fitted.
+    real(wp), intent(in), optional :: reach
     character(len=:), allocatable :: text
+    real(wp) :: step, last
+
+    step = 0.0_wp
+    if (job%dt > 0.0_wp) step = job%t_end/first_steps(job, 0.0_wp)
+    last = furthest*job%t_end
+    if (present(reach)) last = reach
     text = 'skips: memory (no kernels)'
     if (count_hidden(system) > 0) text = 'computes: memory by '//things(count_hidden(system), &
                                                                         'exponential')
-    if (needs_fit(system)) text = 'computes: memory by sums of exponentials, fitted for each step'
+    if (needs_fit(system)) text = tell_fit(system, step, last)
     text = plan_transient(job)//text//new_line('a') &
            //tell_idle(moved_coordinates(system, driven(job, system, load))) &
            //tell_laws(system)//tell_zeros(system, load)

@@ -1,11 +1,11 @@
 !> Kernels as sums of exponentials, for motions whose steps end where laws switch
 !! (viscovib_hidden_memory).
 !!
-!! R(t) is S(t) = sum_q w_q exp(-r_q t) within a relative error from t_min on, a small part of a step
-!! h (viscovib_spectral_kernel). What is left, D = R - S, is over before t_min, but not small where R
-!! is singular. Of a force g that is smooth within t_min it leaves m_0 g - m_1 g' + ..., of a jump of
-!! g the push m_0 from t_min on and the impulse -m_1, m_k = integral D t^k/k! dt. One exponential
-!! more has both moments, as the first Gauss rule of D's spectrum: Laplace transforms
+!! R(t) is S(t) = sum_q w_q exp(-r_q t) within a relative error from t_min on, a small part of a
+!! step h (viscovib_spectral_kernel). What is left, D = R - S, is over before t_min, but not small
+!! where R is singular. Of a force g that is smooth within t_min it leaves m_0 g - m_1 g' + ..., of
+!! a jump of g the push m_0 from t_min on and the impulse -m_1, m_k = integral D t^k/k! dt. One
+!! exponential more has both moments, as the first Gauss rule of D's spectrum: Laplace transforms
 !! w/(s + r) = R(s) - S(s) at two s of the order of 1/h. What remains goes like t_min^(2 + alpha).
 module viscovib_fitted_memory
   use viscovib_hidden_memory, only: count_hidden, fades_by_exponentials
@@ -13,10 +13,11 @@ module viscovib_fitted_memory
   use viscovib_kinds, only: wp
   use viscovib_polynomial, only: polynomial_type
   use viscovib_prony, only: prony_kernel
+  use viscovib_status, only: show
   implicit none
   private
 
-  public :: bound_hidden, fit_memory, needs_fit
+  public :: bound_hidden, fit_memory, needs_fit, tell_fit
 
   !> Shortest lag of a sum, as a part of the step.
   real(wp), parameter :: shortest_lag = 1.0e-3_wp
@@ -26,7 +27,10 @@ module viscovib_fitted_memory
   real(wp), parameter, public :: shared_error = 2.0e-12_wp
   !> Frequencies times the step at which transforms agree.
   real(wp), parameter :: agreed(2) = [0.5_wp, 2.0_wp]
-  !> Terms of a sum, as far as these are counted before step and end are known.
+  !> The step of which a plan tells, as a part of the latest time: a millionth of the first run.
+  real(wp), parameter :: shortest_step = 1.0e-8_wp
+  !> Terms of a sum, as far as these are counted before step and end are known. Kernels with a
+  !! sharp spectrum have more: what does not fit then is refused by the motion.
   integer, parameter :: most_terms = 80
 
 contains
@@ -86,6 +90,33 @@ contains
     end do
   end subroutine fit_memory
 
+  !> A line of a plan: how many exponentials there are, and what they leave of kernels.
+  function tell_fit(system, step, reach) result(text)
+    type(polynomial_type), intent(in) :: system
+    !> 0: it is not known yet.
+    real(wp), intent(in) :: step, reach
+    character(len=:), allocatable :: text
+    type(polynomial_type) :: fitted
+    integer :: i, most
+
+    text = 'computes: memory by sums of exponentials, fitted for each step: '
+    if (step > 0.0_wp) then
+      call fit_memory(system, step, reach, fitted)
+      text = text//show(count_hidden(fitted))//', within ' &
+             //show(errors(modulo(exponent(step), 2)))//' of R(t) from t = ' &
+             //show(shortest_lag*step)//' on'
+    else
+      ! Sums grow as steps get shorter; of two, one has the smaller error.
+      most = 0
+      do i = 0, 1
+        call fit_memory(system, shortest_step*0.5_wp**i*reach, reach, fitted)
+        most = max(most, count_hidden(fitted))
+      end do
+      text = text//'about '//show(most)//' in a million steps, within ' &
+             //show(maxval(errors))//' of R(t) from '//show(shortest_lag)//' of the step on'
+    end if
+  end function tell_fit
+
   !> The exponential for what is over before the shortest lag.
   subroutine find_rest(kernel, step, weights, rates, weight, rate)
     type(kernel_holder), intent(in) :: kernel
@@ -132,12 +163,12 @@ contains
   subroutine replace(holder, weights, rates)
     type(kernel_holder), intent(inout) :: holder
     real(wp), intent(in) :: weights(:), rates(:)
-    type(prony_kernel) :: sum_of
+    type(prony_kernel), allocatable :: sum_of
+    allocate (sum_of)
     sum_of%weights = weights
     sum_of%rates = rates
     holder%factor = 1.0_wp
-    deallocate (holder%kernel)
-    allocate (holder%kernel, source=sum_of)
+    call move_alloc(sum_of, holder%kernel)
   end subroutine replace
 
 end module viscovib_fitted_memory

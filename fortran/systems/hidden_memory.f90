@@ -17,10 +17,11 @@ module viscovib_hidden_memory
   use viscovib_law_term, only: law_term, read_rates
   use viscovib_polynomial, only: polynomial_type
   use viscovib_prony, only: prony_kernel
+  use viscovib_status, only: show
   implicit none
   private
 
-  public :: count_hidden, fades_by_exponentials, unfold_memory
+  public :: count_hidden, fades_by_exponentials, tell_hidden, unfold_memory
 
   !> An exponential of the force in a hereditary variable.
   type :: dragged_mass
@@ -45,6 +46,14 @@ contains
     call find_masses(system, masses)
     n = size(masses)
   end function count_hidden
+
+  !> What of so many coordinates no one has given.
+  pure function tell_hidden(n_hidden) result(text)
+    integer, intent(in) :: n_hidden
+    character(len=:), allocatable :: text
+    text = ''
+    if (n_hidden > 0) text = ', '//show(n_hidden)//' of them exponentials of forces that remember'
+  end function tell_hidden
 
   !> Whether a kernel is a sum of exponentials to the last digit.
   recursive pure logical function fades_by_exponentials(kernel) result(does)

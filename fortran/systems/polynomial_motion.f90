@@ -3,13 +3,14 @@
 !!   M u'' = Im sum_k P_k exp(i k nu t) + F(t) - C u' - K u - f(u).
 !!
 !! Kernels of exponentials are further coordinates (viscovib_hidden_memory), as which others are
-!! taken (viscovib_fitted_motion). Drives are cos(nu t), sin(nu t), those of higher orders follow by rotation, and the time in a piece of F.
+!! taken (viscovib_fitted_motion). Drives are cos(nu t), sin(nu t), those of higher orders follow
+!! by rotation, and the time in a piece of F.
 module viscovib_polynomial_motion
   use viscovib_dense, only: invert
   use viscovib_driven_system, only: driven_system_type, range_of_degree
   use viscovib_elements_at_start, only: begin_elements
   use viscovib_frozen_surfaces, only: frozen, jump_over
-  use viscovib_hidden_memory, only: count_hidden, unfold_memory
+  use viscovib_hidden_memory, only: count_hidden, tell_hidden, unfold_memory
   use viscovib_kinds, only: wp
   use viscovib_lanes, only: add_two, max_dof, most_sloped, n_lanes, turn
   use viscovib_law_branches, only: slides
@@ -81,8 +82,8 @@ contains
     if (most > max_dof) n_hidden = max(count_hidden(system), 0)
     if (system%n_dof() + n_hidden > most) then
       call fail(status, status_input_error, 'system', 'system: has ' &
-                //show(system%n_dof() + n_hidden)//' coordinates, motion in time takes at most ' &
-                //show(most))
+                //show(system%n_dof() + n_hidden)//' coordinates'//tell_hidden(n_hidden) &
+                //', motion in time takes at most '//show(most))
     else if (any(system%kernel_of > 0) .and. n_hidden == 0) then
       call fail(status, status_input_error, 'system', 'system: has memory, motion in time is ' &
                 //'computed without: leave out the kernels')

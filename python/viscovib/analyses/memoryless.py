@@ -295,8 +295,8 @@ class PolynomialRun(Run):
 
     def _plan(self, end: float, dt: float, tolerance: float, every: int, last: bool) -> bytes:
         text: bytes = _native.call(
-            core.polynomial_plan, *self.job[:3], self.begin, end, dt, tolerance,
-            METHODS[self.method], every, int(last),
+            core.polynomial_plan, self.job[0], min(self.job[8], EVER), *self.job[1:3], self.begin,
+            end, dt, tolerance, METHODS[self.method], every, int(last),
         )[0]  # fmt: skip
         return text
 
