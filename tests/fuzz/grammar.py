@@ -191,6 +191,13 @@ SEEDS = {
 &response nu_from=0.5 nu_to=4 nu_count=6 method='linear' coordinates='x' /
 &sweep key='mount.mass' min=1 max=2 count=3 /
 """,
+    "singular_switches": """&structure mass=1 2 stiffness=2 1 damping=0.1 0.1 /
+&kernel kind='rabotnov' amplitude=0.5 alpha=0.4 beta=1.5 /
+&element on='x1' law='5*max(d - 0.1, 0) + 0.3*d' kernel=1 /
+&element on='x2' law='0.2*sign(v)' kernel=0 /
+&load on='x1' amplitude=0.8 /
+&transient t_end=3 nu=0.9 tolerance=1e-6 /
+""",
 }  # fmt: skip
 
 _GROUP = re.compile(r"&(\w+)\s(.*?)(?<!['\w])/\s*$", re.S | re.M)

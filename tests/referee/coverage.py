@@ -11,7 +11,7 @@ HERE = Path(__file__).parent
 FAMILIES = (
     "kernels", "rubber", "fits", "systems", "bodies", "laws", "hysteresis", "linear", "roots", "responses",
     "peaks", "branches", "crossings",
-    "stability", "backbones", "steady", "motions", "switched", "element_motions", "events", "ensembles", "spectra", "scales",
+    "stability", "backbones", "steady", "motions", "switched", "singular", "element_motions", "events", "ensembles", "spectra", "scales",
     "scenes",
     "invariances", "structure_motions", "structure_stability", "structures", "sweeps", "tables",
 )  # fmt: skip
