@@ -27,8 +27,8 @@ module viscovib_fitted_memory
   real(wp), parameter, public :: shared_error = 2.0e-12_wp
   !> Frequencies times the step at which transforms agree.
   real(wp), parameter :: agreed(2) = [0.5_wp, 2.0_wp]
-  !> The step of which a plan tells, as a part of the latest time: a millionth of the first run.
-  real(wp), parameter :: shortest_step = 1.0e-8_wp
+  !> The step of which a plan tells, as a part of the latest time: a thousandth of the first run.
+  real(wp), parameter :: usual_step = 1.0e-5_wp
   !> Terms of a sum, as far as these are counted before step and end are known. Kernels with a
   !! sharp spectrum have more: what does not fit then is refused by the motion.
   integer, parameter :: most_terms = 80
@@ -106,13 +106,13 @@ contains
              //show(errors(modulo(exponent(step), 2)))//' of R(t) from t = ' &
              //show(shortest_lag*step)//' on'
     else
-      ! Sums grow as steps get shorter; of two, one has the smaller error.
+      ! Of two steps, one has the smaller error.
       most = 0
       do i = 0, 1
-        call fit_memory(system, shortest_step*0.5_wp**i*reach, reach, fitted)
+        call fit_memory(system, usual_step*0.5_wp**i*reach, reach, fitted)
         most = max(most, count_hidden(fitted))
       end do
-      text = text//'about '//show(most)//' in a million steps, within ' &
+      text = text//'about '//show(most)//' in a thousand steps, within ' &
              //show(maxval(errors))//' of R(t) from '//show(shortest_lag)//' of the step on'
     end if
   end function tell_fit

@@ -88,7 +88,9 @@ def test_singular_kernels(kernel, law, true):
         assert off < 5e-12
         assert off < 2 * found.error
     said = str(found.plan).partition("fitted for each step: ")[2]
-    assert re.match(r"(about )?[5-8]\d( in a million steps)?, within (1e-12|5e-14) of R\(t\)", said)
+    assert re.match(
+        r"(about )?[5-8]\d( in a thousand steps)?, within (1e-12|5e-14) of R\(t\)", said
+    )
 
 
 @pytest.mark.filterwarnings("ignore::viscovib.StabilityWarning")
