@@ -2,11 +2,12 @@
 !! spring alone.
 module viscovib_pendulum_job
   use viscovib_kinds, only: wp
-  use viscovib_pendulum, only: pendulum_type
+  use viscovib_pendulum, only: new_pendulum, pendulum_type
   use viscovib_pendulum_spring, only: new_spring, spring_type, swings
   use viscovib_plan_text, only: tell_idle
   use viscovib_status, only: status_type
-  use viscovib_transient_job, only: run_transient, trajectory_type, transient_job
+  use viscovib_trajectory, only: shaken, trajectory_type
+  use viscovib_transient_job, only: run_transient, transient_job
   use viscovib_transient_plan, only: plan_transient
   implicit none
   private
@@ -26,15 +27,20 @@ contains
     type(status_type), intent(out) :: status
     type(transient_job) :: part_job
     type(spring_type) :: spring
+    type(spring_type) :: other_spring
+    type(pendulum_type) :: other
 
+    call new_pendulum(other, pendulum%parameters%shaken(shaken), status)
+    if (status%failed()) return
     if (swings(pendulum, job%initial) .or. allocated(job%watched)) then
-      call run_transient(job, pendulum, fastest, trajectory, status)
+      call run_transient(job, pendulum, fastest, trajectory, status, other)
       return
     end if
     call new_spring(spring, pendulum)
+    call new_spring(other_spring, other)
     part_job = job
     part_job%initial = job%initial(:2)
-    call run_transient(part_job, spring, fastest, trajectory, status)
+    call run_transient(part_job, spring, fastest, trajectory, status, other_spring)
     if (.not. status%failed()) call trajectory%spread_out(spring_only)
   end subroutine run_pendulum_job
 

@@ -1,7 +1,7 @@
 !> What a motion in time is asked for, and what makes runs of one motion in any steps.
 module viscovib_run_maker
   use viscovib_kinds, only: i8, wp
-  use viscovib_status, only: status_type
+  use viscovib_status, only: set_ok, status_type
   use viscovib_trajectory, only: trajectory_type
   implicit none
   private
@@ -42,6 +42,7 @@ module viscovib_run_maker
   type, abstract :: run_maker
   contains
     procedure(make_interface), deferred :: make
+    procedure :: make_shaken
     procedure :: align
   end type run_maker
 
@@ -61,6 +62,18 @@ module viscovib_run_maker
   end interface
 
 contains
+
+  !> The same run of a system whose numbers are other by `shaken`; no states: there is no such run.
+  subroutine make_shaken(self, job, n, thinning, trajectory, status)
+    class(run_maker), intent(in) :: self
+    class(transient_job), intent(in) :: job
+    integer(i8), intent(in) :: n
+    integer, intent(in) :: thinning
+    type(trajectory_type), intent(out) :: trajectory
+    type(status_type), intent(out) :: status
+    call set_ok(status)
+    if (same_type_as(self, self) .and. size(job%initial) > n/thinning) return
+  end subroutine make_shaken
 
   !> Tell states of a run by numbers that can be compared to those of another.
   subroutine align(self, run, like)

@@ -7,10 +7,13 @@ module viscovib_trajectory
   implicit none
   private
 
-  public :: trajectory_type, change_of, compare, hopeless, off_of
+  public :: trajectory_type, change_of, compare, grown_of, hopeless, off_of
 
   !> What halving the step gains of errors where steps go over kinks of forces.
   real(wp), parameter :: gain_at_kinks = 4.0_wp
+
+  !> Relative change of the numbers of a system that tells what their roundings become.
+  real(wp), parameter, public :: shaken = 0.5_wp**40
 
   !> Halvings of the step before a tolerance is given up, and while two runs end unlike each
   !! other.
@@ -70,6 +73,17 @@ contains
       off = change_of(run, fine)
     end if
   end function off_of
+
+  !> What roundings of a system's numbers become along a run, of each row of states. They are the
+  !! same in runs in any steps, whose difference does not tell them. `other`: the run of numbers
+  !! that are other by `shaken`, small enough for what becomes of it to be linear.
+  pure function grown_of(run, other) result(grown)
+    type(trajectory_type), intent(in) :: run, other
+    real(wp) :: grown(size(run%states, 1))
+    grown = huge(1.0_wp)
+    if (other%outcome /= run%outcome) return
+    grown = epsilon(1.0_wp)/shaken*maxval(abs(other%states - run%states), 2)
+  end function grown_of
 
   !> Where steps go over kinks two runs may be wrong alike: what a kink spoils in a step depends on
   !! where in it it is, and has either sign. Then the run before, in steps twice as long, differs

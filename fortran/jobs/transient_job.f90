@@ -11,7 +11,7 @@ module viscovib_transient_job
   use viscovib_simulate, only: run_completed, run_names, run_stopped, simulate
   use viscovib_status, only: fail, set_ok, show, status_input_error, status_type
   use viscovib_stepper, only: stepper_type
-  use viscovib_trajectory, only: change_of, compare, hopeless, off_of, trajectory_type
+  use viscovib_trajectory, only: change_of, compare, grown_of, hopeless, off_of, trajectory_type
   use viscovib_watch, only: new_watch, renumbered
   implicit none
   private
@@ -39,6 +39,8 @@ module viscovib_transient_job
   !! that are kept for it at most.
   real(wp), parameter :: peaks = 2.0e-3_wp, most_states = 1.0e5_wp
   integer, parameter :: most_parts = 64
+  !> Part of a motion within which a run is near enough to it to tell what roundings become.
+  real(wp), parameter :: near = 1.0e-3_wp
   !> How far runs may differ on the way to a last state.
   real(wp), parameter :: one_motion = 1.0e-6_wp
   !> States that a run which stops keeps at least; halvings of the step by which these are made
@@ -48,8 +50,11 @@ module viscovib_transient_job
   !> Runs of a system without memory.
   type, extends(run_maker) :: driven_runs
     class(driven_system_type), pointer :: system => null()
+    !> One whose numbers are other by `shaken`; null: not known.
+    class(driven_system_type), pointer :: other => null()
   contains
     procedure :: make => make_driven
+    procedure :: make_shaken => make_other
   end type driven_runs
 
 contains
@@ -67,16 +72,19 @@ contains
     end if
   end function first_steps
 
-  subroutine run_transient(job, system, fastest, trajectory, status)
+  subroutine run_transient(job, system, fastest, trajectory, status, other)
     class(transient_job), intent(in) :: job
     class(driven_system_type), intent(in), target :: system
     !> Fastest frequency of the system and its loads: four steps a period to begin with.
     real(wp), intent(in) :: fastest
     type(trajectory_type), intent(out) :: trajectory
     type(status_type), intent(out) :: status
+    !> One whose numbers are other by `shaken`.
+    class(driven_system_type), intent(in), target, optional :: other
     type(driven_runs) :: maker
 
     maker%system => system
+    if (present(other)) maker%other => other
     call make_runs(maker, job, job%t_end*fastest/(0.5_wp*pi), trajectory, status)
   end subroutine run_transient
 
@@ -91,7 +99,7 @@ contains
     type(status_type), intent(out) :: status
     type(trajectory_type) :: coarse
     real(wp) :: n, change, changes(max_halvings)
-    real(wp), allocatable :: lost(:)
+    real(wp), allocatable :: lost(:), grown(:)
     integer :: i, factor, n_changes
     logical :: met
 
@@ -119,6 +127,9 @@ contains
       if (status%failed() .or. trajectory%outcome == run_stopped) return
       call maker%align(coarse, trajectory)
       call judge(maker, job, int(n, i8), factor, coarse, trajectory, lost, change, met, status)
+      if (status%failed()) return
+      call look_at_growth(maker, job, int(n, i8), factor, coarse, trajectory, grown, change, met, &
+                          status)
       if (status%failed()) return
       if (met .and. trajectory%too_long > 1.0_wp) then
         ! Two runs agree that have both missed a layer.
@@ -212,6 +223,36 @@ contains
     end if
     call compare(coarse, fine, allowed, lost, change, met)
   end subroutine judge
+
+  !> What roundings of the system's numbers have grown to counts, too: all runs have it alike. It is
+  !! looked at once, by a run that is near enough to the motion.
+  subroutine look_at_growth(maker, job, n, factor, coarse, fine, grown, change, met, status)
+    class(run_maker), intent(in) :: maker
+    class(transient_job), intent(in) :: job
+    integer(i8), intent(in) :: n
+    integer, intent(in) :: factor
+    type(trajectory_type), intent(in) :: coarse, fine
+    real(wp), allocatable, intent(inout) :: grown(:)
+    real(wp), intent(inout) :: change
+    logical, intent(in) :: met
+    type(status_type), intent(out) :: status
+    type(trajectory_type) :: other
+    call set_ok(status)
+    if (coarse%outcome /= run_completed .or. fine%outcome /= run_completed) return
+    if (.not. allocated(grown) .and. (met .or. change <= near*maxval(abs(fine%states)))) then
+      call maker%make_shaken(job, n*(factor/2), factor/2, other, status)
+      if (status%failed()) return
+      if (allocated(other%states)) grown = grown_of(coarse, other)
+    end if
+    if (.not. met .or. .not. allocated(grown)) return
+    change = max(change, maxval(grown))
+    if (all(grown <= job%allowed(fine%states))) return
+    call fail(status, status_input_error, 'tolerance', told(job)//': not met: the motion makes ' &
+              //'roundings of the numbers of the system '//show(maxval(grown)/epsilon(1.0_wp)) &
+              //' times as large until t = '//show(fine%t_reached)//', which leaves an error of ' &
+              //show(maxval(grown))//': the motion is chaotic or unstable, take a shorter run or ' &
+              //'a larger tolerance')
+  end subroutine look_at_growth
 
   !> By how much two runs that keep the last state alone differ on the way, where that tells that
   !! they are not one motion, else 0: those that pass through chaos may end alike by chance.
@@ -368,6 +409,20 @@ contains
       return
     end do
   end subroutine fill_in_to_stop
+
+  subroutine make_other(self, job, n, thinning, trajectory, status)
+    class(driven_runs), intent(in) :: self
+    class(transient_job), intent(in) :: job
+    integer(i8), intent(in) :: n
+    integer, intent(in) :: thinning
+    type(trajectory_type), intent(out) :: trajectory
+    type(status_type), intent(out) :: status
+    type(driven_runs) :: maker
+    call set_ok(status)
+    if (.not. associated(self%other)) return
+    maker%system => self%other
+    call maker%make(job, n, thinning, trajectory, status)
+  end subroutine make_other
 
   subroutine make_driven(self, job, n, thinning, trajectory, status)
     class(driven_runs), intent(in) :: self

@@ -28,6 +28,8 @@ module viscovib_pendulum
     !> Amplitudes f0, m01, m02 and frequencies p1, p2, p3 of the loads.
     real(wp) :: load(3) = 0.0_wp, frequency(3) = 0.0_wp
     integer :: equations = equations_exact
+  contains
+    procedure :: shaken
   end type pendulum_parameters
 
   type, extends(differentiable_system_type) :: pendulum_type
@@ -49,6 +51,20 @@ module viscovib_pendulum
   end type pendulum_type
 
 contains
+
+  !> Numbers of which all that are rounded are other by this part of them, either way, such that the
+  !! body stays a rigid one. Frequencies of loads are not rounded: phases are carried in two reals.
+  pure type(pendulum_parameters) function shaken(self, part) result(other)
+    class(pendulum_parameters), intent(in) :: self
+    real(wp), intent(in) :: part
+    other = self
+    other%e = self%e*(1.0_wp - part)
+    other%w2 = self%w2*(1.0_wp + part)
+    other%w3 = self%w3*(1.0_wp - part)
+    other%alpha = self%alpha*(1.0_wp + part)
+    other%damping = self%damping*(1.0_wp + [part, -part, part])
+    other%load = self%load*(1.0_wp + [part, -part, part])
+  end function shaken
 
   !> Checked constructor.
   subroutine new_pendulum(pendulum, parameters, status)

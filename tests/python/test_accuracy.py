@@ -212,3 +212,24 @@ def test_an_error_in_the_first_step_is_seen():
             system, 12, initial=start, dt=dt, estimate_error=True, memory="exponentials"
         )
         assert np.abs(run.state[-1] - right).max() <= 3 * run.error
+
+
+def test_growth_of_roundings_is_in_the_error():
+    """Roundings of the system's numbers are alike in all runs: their differences do not tell them.
+
+    The state at the end is by extrapolated midpoint steps in quadruple precision, at two tolerances
+    alike to 2e-11.
+    """
+    near_chaos = vv.Pendulum(
+        e=0.034886, w2=0.846614, w3=1.131382, alpha=0.5, c1=0.01, c2=0.01, c3=0.03, f0=0.134902,
+        m01=0.021876, m02=0.023002, p1=2.044942, p2=0.991777, p3=0.88864,
+    )  # fmt: skip
+    start = [-0.2172, 0.139, -0.1622, -0.0997, -0.2143, -0.1478]
+    right = [
+        0.13468971674374552, -0.1933858031815513, -0.1403792023790578, 0.0417605430169101,
+        -0.8000846937704145, -0.351981364284461,
+    ]  # fmt: skip
+    run = vv.simulate(near_chaos, 183, initial=start, tolerance=1e-6, keep="last")
+    assert np.abs(run.state[-1] - right).max() <= run.error <= 1e-6
+    with pytest.raises(vv.InputError, match="makes roundings of the numbers of the system"):
+        vv.simulate(near_chaos, 183, initial=start, tolerance=3e-8, keep="last")

@@ -50,6 +50,10 @@ _STATES_AT_STOP, _MOST_PARTS = 100, 64
 _HALVINGS_AT_STOP = 6
 #: Runs of one motion differ by a smaller part of it anywhere.
 _ONE_MOTION = 1e-6
+#: Relative change of the numbers of a system that tells what their roundings become, a power of 2;
+#: part of a motion within which a run is near enough to it for that.
+SHAKEN, _NEAR = 2.0**-40, 1e-3
+_EPS = float(np.finfo(float).eps)
 #: What a run keeps of each time.
 _KEPT = ("t", "state", "deflections", "rates")
 
@@ -74,6 +78,7 @@ def by_tolerance(
     *,
     dense: bool = False,
     inside: bool = False,
+    shaken: Callable[[int, int], Trajectory] | None = None,
 ) -> Trajectory:
     """Halve the step until the states kept change by no more than is allowed.
 
@@ -82,6 +87,7 @@ def by_tolerance(
     peaks between them are low; not where all of the past costs more with every step. These are
     found by the polynomials of the steps (``inside``: ``make`` takes more parts than the factor)
     where they change as little as those at the ends of steps, else by a run in steps as short.
+    ``shaken`` makes the same runs of a system whose numbers are other by `SHAKEN`.
     """
     inside = inside and not _ENDS_ALONE.get()
     least = min(_PARTS, most_states(n)) if dense and inside else 1
@@ -91,6 +97,7 @@ def by_tolerance(
         parts = max(2 * least, parts_for_peaks(_every(first, least)))
     changes: list[float] = []
     lost: FloatArray | None = None
+    grown: FloatArray | None = None
     while not hopeless(changes):
         factor *= 2
         fine = make(factor, parts)
@@ -101,6 +108,13 @@ def by_tolerance(
             parted = _parted(coarse, fine, want)
             agreed = not parted and agree(ends_before, ends, want)
             change = max(change, parted)
+            near = agreed or change <= _NEAR * float(np.abs(ends.state).max())
+            if shaken is not None and grown is None and near:
+                grown = _grown(ends_before, shaken(factor // 2, 1))
+            if agreed and grown is not None:
+                change = max(change, float(grown.max()))
+                if (grown > want.allowed(ends.state)).any():
+                    raise NotMetError(_told_grown(want, ends, float(grown.max())))
         else:
             agreed = change <= _allowed_at_stop(ends, want) and not 0 < fine.stats["steps"] < _FEW
         if _over_kinks(fine):
@@ -178,6 +192,26 @@ def _over_kinks(run: Trajectory) -> bool:
     first step, whose ends are others, is the third.
     """
     return run._resume is not None and run._resume.over_kinks
+
+
+def _grown(run: Trajectory, other: Trajectory) -> FloatArray:
+    """What roundings of a system's numbers become along a run, by columns.
+
+    They are the same in runs in any steps, whose difference does not tell them. ``other``: the
+    run of numbers that are other by `SHAKEN`, small enough for what becomes of it to be linear.
+    """
+    if other.outcome != run.outcome:
+        return np.full(run.state.shape[1], math.inf)
+    return np.asarray(_EPS / SHAKEN * np.abs(other.state - run.state).max(axis=0))
+
+
+def _told_grown(want: Accuracy, run: Trajectory, grown: float) -> str:
+    return (
+        f"{want}: not met: the motion makes roundings of the numbers of the system "
+        f"{grown / _EPS:.1e} times as large until t = {run.t_reached:.6g}, which leaves an error "
+        f"of {grown:.1e}: the motion is chaotic or unstable, take a shorter run or a larger "
+        "tolerance"
+    )
 
 
 def _off(run: Trajectory, fine: Trajectory) -> FloatArray:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import warnings
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -26,7 +26,7 @@ from viscovib.analyses.runs import (
     Wanted,
     with_estimate,
 )
-from viscovib.analyses.step_search import by_tolerance
+from viscovib.analyses.step_search import SHAKEN, by_tolerance
 from viscovib.analyses.structure_motion import (
     StructureMotion,
     goes_condensed,
@@ -88,6 +88,7 @@ def simulate(
         a quarter of the fastest linear period until halving changes the kept states by no more
         than ``tolerance``. So many states are kept then (up to 100 000, and unless all of the past
         is kept) that no peak between them is higher by more than 1/500 of the largest displacement.
+        Of a pendulum, what roundings of its numbers grow to must be within ``tolerance``, too.
     initial : array_like, shape (2 n_dof,)
         State at t = 0, each coordinate with its velocity: (x, x_dot, y, y_dot, ...), of a
         pendulum (z, z', phi, phi', psi, psi'). None: at rest, or where it was ``held``; a pendulum
@@ -253,7 +254,9 @@ def simulate(
         first = steps.make(end / n)
         inside = first.inside
         try:
-            return _heard(by_tolerance(steps.of(n), n, accuracy, dense=free, inside=inside))
+            shaken = _shaken(system, steps, initial, method, n)
+            run = by_tolerance(steps.of(n), n, accuracy, dense=free, inside=inside, shaken=shaken)
+            return _heard(run)
         except NotMetError:
             if steps.at_first == 1 and (first.layers.seen or not first.has_layers):
                 raise
@@ -406,6 +409,16 @@ class _Steps:
             return made.steps(steps, kept, self.progress)
 
         return run
+
+
+def _shaken(
+    system: object, steps: _Steps, initial: npt.ArrayLike | None, method: str, n: int
+) -> Callable[[int, int], Trajectory] | None:
+    """Runs of a pendulum whose numbers are other by `SHAKEN`."""
+    if not isinstance(system, Pendulum):
+        return None
+    make, _ = pendulum_runs(system._shaken(SHAKEN), steps.end, initial, method, ROUNDING)
+    return replace(steps, make=make, progress=False).of(n)
 
 
 def _with_step(steps: _Steps, end: float, step: float, estimated: bool) -> Trajectory:
