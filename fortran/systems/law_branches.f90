@@ -8,7 +8,8 @@
 !! surface is rough.
 module viscovib_law_branches
   use viscovib_kinds, only: wp
-  use viscovib_law_functions, only: angle_above, angle_below, f_atan2
+  use viscovib_law_functions, only: angle_above, angle_below, f_atan2, f_log, held_log, held_pair, &
+                                    power
   use viscovib_law_program, only: branches, f_abs, f_heaviside, f_max, f_min, f_more, f_sign, &
                                   f_sqrt, f_where, first_of_two, held_power, law_program, &
                                   negate, number_for_one, number_for_two, operands, put_number, &
@@ -146,8 +147,15 @@ contains
       part%number(n) = law%number(i)
       if (side /= 0) call take(law%code(i), side, part%code(n), part%number(n))
       if (.not. roots(i)) cycle
-      part%code(n) = held_power
-      if (law%code(i) == f_sqrt) part%number(n) = 0.5_wp
+      select case (law%code(i))
+      case (f_log)
+        part%code(n) = held_log
+      case (power)
+        part%code(n) = held_pair
+      case default
+        part%code(n) = held_power
+        if (law%code(i) == f_sqrt) part%number(n) = 0.5_wp
+      end select
     end do
     part%code = part%code(:n)
     part%number = part%number(:n)

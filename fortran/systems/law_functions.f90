@@ -36,6 +36,9 @@ module viscovib_law_functions
   !> What stands for a root or a power of an operand of which the branch is held: of what is
   !! negative too, -|x|^number.
   integer, parameter, public :: held_power = -5
+  !> The same of a power whose exponent is an operand too, where that is above 0; and of log, which
+  !! is log|x| there and high, not undefined, at 0 itself, where parts of motions begin.
+  integer, parameter, public :: held_pair = -8, held_log = -9
   !> What stands for atan2 above or below its cut, where the first operand is 0 and the second
   !! negative: the angle, which goes on beyond.
   integer, parameter, public :: angle_above = -6, angle_below = -7
@@ -60,7 +63,7 @@ contains
     case (put_number, put_argument)
       operands = 0
     case (add, subtract, multiply, divide, power, f_atan2:f_atleast, f_pow, &
-          second_of_two:number_for_two, angle_below:angle_above)
+          second_of_two:number_for_two, held_pair:angle_above)
       operands = 2
     case (f_where)
       operands = 3
@@ -130,18 +133,11 @@ contains
       value = x/y
       by = [1.0_wp/y, -value/y]
     case (power)
-      if (x <= 0.0_wp) then
-        if (abs(x) > 0.0_wp .or. y < 0.0_wp) return
-        value = merge(0.0_wp, 1.0_wp, y > 0.0_wp)
-        return
-      end if
-      if (abs(y*log(x)) > steepest) then
-        ! Too high, or 0.
-        if (y*log(x) < 0.0_wp) value = 0.0_wp
-        return
-      end if
-      value = x**y
-      by = [y*x**(y - 1.0_wp), value*log(x)]
+      call of_pair(x, y, value, by)
+    case (held_pair)
+      call of_pair(merge(abs(x), x, y > 0.0_wp), y, value, by)
+      if (y > 0.0_wp) value = sign(value, x)
+      if (y > 0.0_wp) by(2) = sign(1.0_wp, x)*by(2)
     case (f_atan2, angle_above, angle_below)
       size_of = x*x + y*y
       value = 0.0_wp
@@ -235,6 +231,9 @@ contains
       if (x <= 1.0_wp/wall) return
       value = log(x)
       by = 1.0_wp/x
+    case (held_log)
+      value = log(max(abs(x), 1.0_wp/wall))
+      if (abs(x) > 1.0_wp/wall) by = 1.0_wp/x
     case (f_sqrt)
       if (x < 0.0_wp) return
       value = sqrt(x)
@@ -272,6 +271,23 @@ contains
       end if
     end if
   end subroutine of_power
+
+  !> x^y; a negative x has none.
+  pure subroutine of_pair(x, y, value, by)
+    real(wp), intent(in) :: x, y
+    real(wp), intent(inout) :: value, by(2)
+
+    if (x <= 0.0_wp) then
+      if (abs(x) > 0.0_wp .or. y < 0.0_wp) return
+      value = merge(0.0_wp, 1.0_wp, y > 0.0_wp)
+    else if (abs(y*log(x)) > steepest) then
+      ! Too high, or 0.
+      if (y*log(x) < 0.0_wp) value = 0.0_wp
+    else
+      value = x**y
+      by = [y*x**(y - 1.0_wp), value*log(x)]
+    end if
+  end subroutine of_pair
 
   elemental logical function is_whole(number)
     real(wp), intent(in) :: number

@@ -1,14 +1,16 @@
-!> Roots and broken powers of what is never negative because of a branch, as max(d, 0)^1.5 of
+!> Roots, broken powers and logs of what is never negative because of a branch, as max(d, 0)^1.5 of
 !! Hertz's contact or abs(v)^0.5.
 !!
 !! On its surface such a law is not smooth on either side: x^1.5 has no second derivative at 0. With
 !! the branch held its base is negative beyond the surface, where the power has no value. There it
-!! stands for -|x|^p, so that a step that goes beyond before it ends on the surface has a force.
+!! stands for -|x|^p, so that a step that goes beyond before it ends on the surface has a force. So
+!! does a power whose exponent is no number; log stands for log|x|.
 module viscovib_law_roots
   use viscovib_kinds, only: wp
   use viscovib_law_functions, only: add, branches, divide, f_abs, f_cosh, f_exp, f_heaviside, &
-                                    f_less, f_atleast, f_max, f_min, f_sqrt, f_where, is_whole, &
-                                    known_power, multiply, operands, put_number, square
+                                    f_less, f_atleast, f_log, f_max, f_min, f_sqrt, f_where, &
+                                    is_whole, known_power, multiply, operands, power, &
+                                    put_number, square
   implicit none
   private
 
@@ -16,6 +18,8 @@ module viscovib_law_roots
 
   !> What is known of the sign of a value.
   integer, parameter :: any_sign = 0, not_negative = 1, positive = 2
+  !> With what power a law begins that may begin with any, as log, which is above every x^p.
+  real(wp), parameter :: barely = 0.01_wp
 
 contains
 
@@ -29,7 +33,7 @@ contains
     real(wp), intent(out) :: rough(:)
     !> Of each value on the stack: its sign, and the instruction with which it begins.
     integer :: signs(size(code) + 2), begins(size(code) + 2)
-    integer :: first, i, last, n, top
+    integer :: ends, first, i, last, n, top
     real(wp) :: exponent
 
     roots = .false.
@@ -40,11 +44,14 @@ contains
       top = top - n + 1
       if (n == 0) begins(top) = i
       if (is_broken(code(i), number(i)) .and. signs(top) /= any_sign) then
-        roots(i) = any(branches(code(begins(top):i - 1)))
+        ! Where what it is a power of ends.
+        ends = i - 1
+        if (n == 2) ends = begins(top + 1) - 1
+        roots(i) = any(branches(code(begins(top):ends)))
         if (signs(top) == not_negative) then
           first = count(branches(code(:begins(top) - 1))) + 1
-          last = count(branches(code(:i - 1)))
-          exponent = merge(0.5_wp, number(i), code(i) == f_sqrt)
+          last = count(branches(code(:ends)))
+          exponent = power_of(code(i), number(i))
           where (rough(first:last) > 0.0_wp)
             rough(first:last) = min(rough(first:last), exponent)
           else where
@@ -56,13 +63,27 @@ contains
     end do
   end subroutine find_roots
 
-  !> A root, or a power above 0 that is not whole.
+  !> A root, a log, or a power that is not known to be whole or below 0.
   pure logical function is_broken(code, number)
     integer, intent(in) :: code
     real(wp), intent(in) :: number
-    is_broken = code == f_sqrt &
+    is_broken = any(code == [f_sqrt, f_log, power]) &
                 .or. (code == known_power .and. number > 0.0_wp .and. .not. is_whole(number))
   end function is_broken
+
+  !> With what power it begins.
+  pure real(wp) function power_of(code, number)
+    integer, intent(in) :: code
+    real(wp), intent(in) :: number
+    select case (code)
+    case (f_sqrt)
+      power_of = 0.5_wp
+    case (known_power)
+      power_of = number
+    case default
+      power_of = barely
+    end select
+  end function power_of
 
   !> The sign of a value, from those of its operands (of none: anything).
   pure integer function sign_of(code, number, signs)
@@ -84,6 +105,8 @@ contains
       sign_of = positive
     case (square)
       sign_of = max(not_negative, signs(1))
+    case (power)
+      sign_of = signs(1)
     case (known_power)
       sign_of = signs(1)
       if (is_whole(number)) then

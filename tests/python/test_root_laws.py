@@ -103,6 +103,26 @@ def test_order(method: str) -> None:
     assert errors[1].max() < max(errors[0].max() / 10, 1e-11)
 
 
+@pytest.mark.parametrize(
+    ("text", "force", "gap"),
+    [
+        ("0.3*abs(x)^(1.5 + x^2)", lambda x, _: 0.3 * abs(x) ** (1.5 + x * x), 0.0),
+        ("3*max(x - 0.2, 0)^(1.3 + x^2)", lambda x, _: 3 * max(x - 0.2, 0) ** (1.3 + x * x), 0.2),
+        ("(x - 0.5)*log(abs(x - 0.5))", lambda x, _: (d := x - 0.5) * np.log(abs(d) + 1e-300), 0.5),
+        ("0.2*log(abs(x - 0.5))", lambda x, _: 0.2 * np.log(abs(x - 0.5) + 1e-300), 0.5),
+    ],
+)
+def test_logs_and_powers_whose_exponent_varies(
+    text: str, force: Callable[[float, float], float], gap: float
+) -> None:
+    """With the branch held they go on beyond the surface, where they had no value."""
+    system = vv.PolynomialSystem(mass=1, stiffness=1, damping=0.1, forces=text, names=["x"])
+    start = np.array([1.0, 0.0])
+    run = vv.simulate(system, initial=start, t_end=8, dt="auto")
+    exact = motion(force, lambda x, v: x - gap, (0.1, 0.0, 1.0), start, run.t[-1])
+    np.testing.assert_allclose(run.state[-1], exact, rtol=0, atol=1e-10)
+
+
 @pytest.mark.parametrize("start", [[0.0, 0.8], [0.1, -0.5], [1e-9, -0.3], [-1e-9, 0.3]])
 def test_starts_on_the_surface(start: list[float]) -> None:
     """A motion may begin on the surface, or so near that its first step would miss it."""
