@@ -9,7 +9,7 @@ module viscovib_law_faults
   implicit none
   private
 
-  public :: complain_of_law
+  public :: complain_of_law, told_sign
 
 contains
 
@@ -33,5 +33,19 @@ contains
     end if
     call reader%complain(key, key//" = '"//clipped(written)//"': "//told)
   end subroutine complain_of_law
+
+  !> How to say a sign that is written as a quotient, if one may be.
+  pure function told_sign(text) result(told)
+    character(len=*), intent(in) :: text
+    character(len=:), allocatable :: told, packed
+    integer :: i
+
+    packed = ''
+    do i = 1, len(text)
+      if (text(i:i) /= ' ') packed = packed//lower(text(i:i))
+    end do
+    told = ''
+    if (index(packed, '/abs(') > 0) told = ' (u/abs(u) is sign(u) but for u = 0: write sign)'
+  end function told_sign
 
 end module viscovib_law_faults

@@ -7,7 +7,7 @@ module viscovib_structure_groups
   use viscovib_kernel_holder, only: kernel_holder
   use viscovib_kinds, only: wp
   use viscovib_layer_groups, only: finish_layer
-  use viscovib_law_faults, only: complain_of_law
+  use viscovib_law_faults, only: complain_of_law, told_sign
   use viscovib_law_functions, only: wall
   use viscovib_law_term, only: about_rest
   use viscovib_law_text, only: compile_law
@@ -454,7 +454,7 @@ contains
     end associate
     fault = ''
     if (.not. defined) then
-      fault = 'must be defined around rest, where d is 0'
+      fault = 'must be defined around rest, where d is 0'//told_sign(text)
     else if (any(abs(slopes) >= wall)) then
       fault = 'must have a finite derivative at rest, where d is 0'
     end if
