@@ -309,5 +309,10 @@ def test_a_spectrum_of_states_too_far_apart(solve, tmp_path, every, aliased):
     assert begins == ["states 0.5 apart are too far for x"] * aliased
     own = tmp_path / "own.csv"
     found.spectrum_to_csv(own)
-    assert own.read_bytes() == (tmp_path / "alias_spectrum.csv").read_bytes()
+    if "debug" not in os.environ.get("VISCOVIB_SOLVE", ""):
+        assert own.read_bytes() == (tmp_path / "alias_spectrum.csv").read_bytes()
+    # The checked build rounds otherwise, which turns the phases of lines that are hardly there.
+    lines = [read_csv(path) for path in (own, tmp_path / "alias_spectrum.csv")]
+    first, second = (x["x_amplitude"] * np.exp(1j * x["x_phase"]) for x in lines)
+    assert np.abs(first - second).max() < 1e-14
     assert main(["run", str(scene), "--out", str(tmp_path / "cli"), "--quiet"]) == int(aliased)
