@@ -7,7 +7,8 @@ module viscovib_basins_job
   use viscovib_job, only: job_report, job_type, plan_unwanted, table_sink
   use viscovib_kinds, only: i8, wp
   use viscovib_lanes, only: n_lanes
-  use viscovib_many_runs, only: many_motions, many_runs
+  use viscovib_many_motions, only: many_motions
+  use viscovib_many_runs, only: many_runs
   use viscovib_polynomial_motion, only: new_polynomial_motion, polynomial_motion_type
   use viscovib_simulate, only: run_completed, run_names
   use viscovib_status, only: fail, set_ok, show, status_input_error, status_type, things

@@ -5,11 +5,13 @@ module viscovib_many_job
   use viscovib_job, only: job_report, job_type, plan_unwanted, table_sink
   use viscovib_kinds, only: i8, wp
   use viscovib_lanes, only: n_lanes
-  use viscovib_many_runs, only: many_motions, many_runs
+  use viscovib_many_motions, only: many_motions
+  use viscovib_many_runs, only: many_runs
   use viscovib_simulate, only: run_completed, run_names
   use viscovib_status, only: fail, set_ok, show, status_input_error, status_type, things
   use viscovib_subject, only: subject_type
   use viscovib_table, only: table_type
+  use viscovib_varied_system, only: varied_system
   implicit none
   private
 
@@ -20,6 +22,8 @@ module viscovib_many_job
     character(len=:), allocatable :: vary
     integer :: place = 1
     real(wp), allocatable :: values(:)
+    !> Who makes the systems, where a parameter of laws varies.
+    class(varied_system), allocatable :: varied
     !> One start for all; the frequency of the load of a polynomial system, where it is given.
     real(wp), allocatable :: initial(:)
     real(wp) :: nu = 0.0_wp
@@ -129,6 +133,7 @@ contains
     runs%subject => subject
     runs%place = self%place
     runs%values = self%values
+    if (allocated(self%varied)) allocate (runs%varied, source=self%varied)
     runs%starts = spread(self%initial, 2, size(self%values))
     runs%nu = self%nu
     runs%method = self%method

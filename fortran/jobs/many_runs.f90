@@ -10,35 +10,36 @@ module viscovib_many_runs
   use viscovib_lane_motion, only: lane_motion_type, n_scales, new_lane_motion
   use viscovib_lanes, only: n_lanes
   use viscovib_load, only: load_type
+  use viscovib_many_motions, only: compare, many_motions
   use viscovib_method_catalogue, only: new_stepper, transient_methods
   use viscovib_pendulum, only: new_pendulum, pendulum_parameters, pendulum_type
+  use viscovib_pendulum_numbers, only: set_number
+  use viscovib_polynomial, only: polynomial_type
   use viscovib_polynomial_motion, only: new_polynomial_motion, polynomial_motion_type
-  use viscovib_simulate, only: run_coarse, run_completed, run_diverged, simulate
+  use viscovib_side_by_side, only: fill_blocks, place_of_form
+  use viscovib_simulate, only: simulate
   use viscovib_status, only: fail, set_ok, show, status_input_error, status_type
   use viscovib_stepper, only: stepper_type
   use viscovib_subject, only: subject_type
-  use viscovib_transient_job, only: hopeless, located
+  use viscovib_transient_job, only: hopeless
+  use viscovib_varied_system, only: varied_system
   use viscovib_watch, only: new_watch, watch_type
   implicit none
   private
 
   public :: many_runs, many_motions
 
-  !> Numbers that vary: of a pendulum, and of a polynomial system (the scales in the order of the
-  !! lanes).
-  character(len=*), parameter, public :: pendulum_numbers(13) = &
-    [character(len=5) :: 'e', 'w2', 'w3', 'alpha', 'c1', 'c2', 'c3', 'f0', 'm01', 'm02', 'p1', &
-     'p2', 'p3']
+  !> Numbers of a polynomial system that vary (the scales in the order of the lanes).
   character(len=*), parameter, public :: system_numbers(5) = &
     [character(len=15) :: 'nu', 'load_scale', 'stiffness_scale', 'damping_scale', 'forces_scale']
   integer, parameter :: of_nu = 1, of_load = 2, of_stiffness = 3, of_damping = 4
+  !> The place of a parameter of laws, behind all of these.
+  integer, parameter, public :: of_parameter = size(system_numbers) + 1
   !> Halvings of the step before a tolerance is given up.
   integer, parameter :: most_halvings = 12
   !> Steps of a motion; numbers of one that is made by itself.
   real(wp), parameter :: most_steps = 1.0e10_wp
   integer(i8), parameter :: most_kept = 2_i8**27
-  !> A coordinate is compared to this part of the largest at least.
-  real(wp), parameter :: smallest = 1.0e-6_wp
   !> Relative error with which equations of steps are solved.
   real(wp), parameter :: solved = 1.0e-15_wp
 
@@ -48,6 +49,8 @@ module viscovib_many_runs
     !> What varies, its place among the numbers (0: nothing), its values.
     integer :: place = 0
     real(wp), allocatable :: values(:)
+    !> Who makes the systems, where a parameter of laws varies.
+    class(varied_system), allocatable :: varied
     !> Starts, a column a motion, and how long each is.
     real(wp), allocatable :: starts(:, :), spans(:)
     !> Frequency of the load of a polynomial system, unless it varies.
@@ -63,6 +66,8 @@ module viscovib_many_runs
     !> Steps of the first runs (0: none yet), and which motions are made by themselves since.
     integer(i8) :: n_first = 0
     logical, allocatable :: alone(:)
+    !> Motions of each block, the last one again in idle lanes, and the kind of its systems.
+    integer, allocatable, private :: members(:, :), kinds(:)
   contains
     procedure :: lay_out
     procedure :: steps_of
@@ -70,17 +75,10 @@ module viscovib_many_runs
     procedure :: refine
     procedure, private :: frequency
     procedure, private :: pendulum_of
+    procedure, private :: system_of
+    procedure, private :: motion_of
     procedure, private :: make_alone
   end type many_runs
-
-  !> What was learnt, run last.
-  type :: many_motions
-    real(wp), allocatable :: state(:, :), peak(:, :), mean(:, :), rms(:, :)
-    real(wp), allocatable :: lyapunov(:), t_reached(:)
-    real(wp), allocatable :: sections(:, :, :)
-    integer, allocatable :: ended(:)
-    logical, allocatable :: missed(:)
-  end type many_motions
 
 contains
 
@@ -93,6 +91,7 @@ contains
     type(status_type), intent(out) :: status
     type(pendulum_type) :: pendulum
     type(polynomial_motion_type) :: motion
+    type(polynomial_type) :: system
     real(wp) :: omega(3), shapes(3, 3), frequency
     integer :: i, n
 
@@ -110,12 +109,13 @@ contains
           frequency = pendulum%parameters%frequency(max(self%sections, 1))
         else
           frequency = self%frequency(i)
-          if (i == 1) then
-            call new_polynomial_motion(motion, self%subject%polynomial, self%subject%load, &
-                                       0.0_wp, status)
+          if (i == 1 .or. self%place == of_parameter) then
+            call self%system_of(i, system, status)
+            if (.not. status%failed()) call new_polynomial_motion(motion, system, &
+                                                                  self%subject%load, 0.0_wp, status)
             if (status%failed()) return
-            fastest = motion%fastest()*sqrt(max(1.0_wp, largest(of_stiffness))) &
-                      *max(1.0_wp, largest(of_damping))
+            fastest = max(fastest, motion%fastest()*sqrt(max(1.0_wp, largest(of_stiffness))) &
+                          *max(1.0_wp, largest(of_damping)))
           end if
           fastest = max(fastest, frequency*maxval([self%subject%load%orders, 1]))
         end if
@@ -128,6 +128,7 @@ contains
       end if
       self%spans(i) = self%n_periods*2.0_wp*pi/frequency
     end do
+    call arrange(self, status)
 
   contains
 
@@ -178,26 +179,61 @@ contains
     type(pendulum_parameters) :: p
 
     p = self%subject%pendulum%parameters
-    select case (self%place)
-    case (0)
-    case (1)
-      p%e = self%values(i)
-    case (2)
-      p%w2 = self%values(i)
-    case (3)
-      p%w3 = self%values(i)
-    case (4)
-      p%alpha = self%values(i)
-    case (5:7)
-      p%damping(self%place - 4) = self%values(i)
-    case (8:10)
-      p%load(self%place - 7) = self%values(i)
-    case default
-      p%frequency(self%place - 10) = self%values(i)
-    end select
+    if (self%place > 0) call set_number(p, self%place, self%values(i))
     call new_pendulum(pendulum, p, status)
     if (status%failed()) status%subject = 'from'
   end subroutine pendulum_of
+
+  !> The system of motion i.
+  subroutine system_of(self, i, system, status)
+    class(many_runs), intent(in) :: self
+    integer, intent(in) :: i
+    type(polynomial_type), intent(out) :: system
+    type(status_type), intent(out) :: status
+
+    if (self%place == of_parameter) then
+      call self%varied%make(self%values(i), system, status)
+    else
+      call set_ok(status)
+      system = self%subject%polynomial
+    end if
+  end subroutine system_of
+
+  !> The same as one of many that go side by side, without scales.
+  subroutine motion_of(self, i, motion, status)
+    class(many_runs), intent(in) :: self
+    integer, intent(in) :: i
+    type(lane_motion_type), intent(out) :: motion
+    type(status_type), intent(out) :: status
+    type(polynomial_type) :: system
+    real(wp) :: own(size(self%starts, 1)/2, size(self%starts, 1)/2, 2)
+
+    call self%system_of(i, system, status)
+    if (status%failed()) return
+    own(:, :, 1) = system%stiffness_at_rest()
+    own(:, :, 2) = system%damping
+    call new_lane_motion(motion, system, self%subject%load, own)
+  end subroutine motion_of
+
+  !> Which motions go side by side. A parameter may change the form of a system, as a factor of 0
+  !! that leaves a term out: those go in blocks of their own.
+  subroutine arrange(self, status)
+    type(many_runs), intent(inout) :: self
+    type(status_type), intent(out) :: status
+    type(lane_motion_type), allocatable :: known(:)
+    type(lane_motion_type) :: motion
+    integer :: kind_of(size(self%starts, 2)), i
+
+    call set_ok(status)
+    kind_of = 1
+    allocate (known(0))
+    do i = 1, merge(size(kind_of), 0, self%place == of_parameter)
+      call self%motion_of(i, motion, status)
+      if (status%failed()) return
+      kind_of(i) = place_of_form(known, motion)
+    end do
+    call fill_blocks(kind_of, self%members, self%kinds)
+  end subroutine arrange
 
   !> All motions in n steps each.
   subroutine make(self, n, many, status)
@@ -210,8 +246,8 @@ contains
     type(lane_motion_type) :: motion
     type(lane_motion_type), allocatable :: motions(:)
     type(pendulum_type) :: pendulum
-    real(wp) :: own(size(self%starts, 1)/2, size(self%starts, 1)/2, 2), discarded
-    integer :: b, begin, cancel, d, first, i, l, last, m, points
+    real(wp) :: discarded
+    integer :: b, begin, cancel, d, i, l, last, m, points
 
     call set_ok(status)
     if (self%n_first == 0) self%n_first = n
@@ -241,19 +277,23 @@ contains
       call self%pendulum_of(1, pendulum, status)
       if (.not. status%failed()) call check_method(job, pendulum, status)
     else
-      own(:, :, 1) = self%subject%polynomial%stiffness_at_rest()
-      own(:, :, 2) = self%subject%polynomial%damping
-      call new_lane_motion(motion, self%subject%polynomial, self%subject%load, own)
-      call check_method(job, motion, status)
+      call self%motion_of(1, motion, status)
+      if (.not. status%failed()) call check_method(job, motion, status)
     end if
     if (status%failed()) return
     allocate (blocks(blocks_of(job)), motions(blocks_of(job)))
-    do begin = 1, m, n_lanes*size(blocks)
-      last = min(size(blocks), (m - begin)/n_lanes + 1)
+    begin = 1
+    do while (begin <= size(self%kinds))
+      last = min(size(blocks), count(self%kinds(begin:) == self%kinds(begin)))
+      if (self%kinds(begin) > self%kinds(max(begin - 1, 1))) then
+        call self%motion_of(self%members(1, begin), motion, status)
+        if (.not. status%failed()) call check_method(job, motion, status)
+        if (status%failed()) return
+      end if
       do b = 1, last
         motions(b) = motion
-        call fill_block(self, n, begin + n_lanes*(b - 1), points, motions(b), pendulum, blocks(b), &
-                        status)
+        call fill_block(self, n, self%members(:, begin + b - 1), points, motions(b), pendulum, &
+                        blocks(b), status)
         if (status%failed()) return
       end do
       if (self%subject%is_pendulum) then
@@ -264,11 +304,11 @@ contains
         call run_block(job, motions(1), blocks(1), cancel)
       end if
       do b = 1, last
-        first = begin + n_lanes*(b - 1)
-        do l = 1, min(n_lanes, m - first + 1)
-          call take(blocks(b), l, many, first + l - 1)
+        do l = 1, n_lanes
+          call take(blocks(b), l, many, self%members(l, begin + b - 1))
         end do
       end do
+      begin = begin + last
     end do
     if (.not. allocated(self%alone)) self%alone = many%missed
     self%alone = self%alone .or. many%missed
@@ -277,11 +317,11 @@ contains
     end do
   end subroutine make
 
-  !> A block that begins with motion `first`; lanes past the last motion repeat it.
-  subroutine fill_block(self, n, first, points, motion, pendulum, block, status)
+  !> A block of some motions.
+  subroutine fill_block(self, n, runs, points, motion, pendulum, block, status)
     type(many_runs), intent(in) :: self
     integer(i8), intent(in) :: n
-    integer, intent(in) :: first, points
+    integer, intent(in) :: runs(n_lanes), points
     type(lane_motion_type), intent(inout) :: motion
     type(pendulum_type), intent(inout) :: pendulum
     type(ensemble_block), intent(out) :: block
@@ -295,7 +335,7 @@ contains
     allocate (block%q(n_lanes, d), block%v(n_lanes, d), block%frequencies(n_lanes, n_drives))
     allocate (block%sections(n_lanes, 2*d, points), source=0.0_wp)
     do l = 1, n_lanes
-      i = min(first + l - 1, size(self%starts, 2))
+      i = runs(l)
       block%q(l, :) = self%starts(1::2, i)
       block%v(l, :) = self%starts(2::2, i)
       block%h(l) = self%spans(i)/n
@@ -313,6 +353,7 @@ contains
     real(wp), intent(out) :: frequencies(:)
     type(status_type), intent(out) :: status
     type(pendulum_type) :: other
+    type(lane_motion_type) :: its
     real(wp) :: scales(n_scales)
 
     call set_ok(status)
@@ -324,8 +365,15 @@ contains
       frequencies = other%drives
     else
       scales = 1.0_wp
-      if (self%place > of_nu) scales(self%place - 1) = self%values(i)
-      call motion%set_scales(l, scales)
+      if (self%place == of_parameter) then
+        call self%motion_of(i, its, status)
+        if (status%failed()) return
+        call its%set_scales(1, scales)
+        call motion%take_lane(l, its)
+      else
+        if (self%place > of_nu) scales(self%place - 1) = self%values(i)
+        call motion%set_scales(l, scales)
+      end if
       frequencies = self%frequency(i)
     end if
   end subroutine set_lane
@@ -362,6 +410,7 @@ contains
     type(status_type), intent(out) :: status
     type(load_type) :: load
     type(polynomial_motion_type) :: motion
+    type(polynomial_type) :: system
     class(stepper_type), allocatable :: stepper
     real(wp), allocatable :: states(:, :)
     type(watch_type) :: watch
@@ -381,7 +430,9 @@ contains
     else
       load = self%subject%load
       if (self%place == of_load) load%force = self%values(i)*load%force
-      call new_polynomial_motion(motion, self%subject%polynomial, load, self%frequency(i), status)
+      call self%system_of(i, system, status)
+      if (.not. status%failed()) call new_polynomial_motion(motion, system, load, &
+                                                            self%frequency(i), status)
     end if
     if (status%failed()) return
     h = self%spans(i)/job%n_steps
@@ -445,56 +496,5 @@ contains
       coarse = many
     end do
   end subroutine refine
-
-  !> Whether motions in steps half as long tell the same, and how much they differ; where they do
-  !! tell the same, the error that rounding leaves is in the difference.
-  subroutine compare(coarse, fine, absolute, relative, change, met)
-    type(many_motions), intent(in) :: coarse, fine
-    real(wp), intent(in) :: absolute, relative
-    real(wp), intent(out) :: change
-    logical, intent(out) :: met
-    real(wp), dimension(size(fine%state, 1), size(fine%state, 2)) :: along, parts
-    real(wp), dimension(size(fine%state, 1)) :: sizes, tops
-    real(wp), dimension(size(fine%ended)) :: late, moved
-    real(wp) :: rounded
-    logical :: alive(size(fine%ended))
-    integer :: d, i
-
-    alive = coarse%ended == run_completed .and. fine%ended == run_completed
-    parts = abs(fine%state - coarse%state)
-    ! Of a state that has run away the time is what is known.
-    where (spread(fine%ended == run_diverged, 1, size(parts, 1))) parts = 0.0_wp
-    moved = abs(fine%t_reached - coarse%t_reached)
-    along = 0.0_wp
-    tops = 0.0_wp
-    rounded = 0.0_wp
-    do i = 1, size(alive)
-      ! Of a motion that stopped peaks and means are no numbers.
-      if (.not. alive(i)) cycle
-      along(:, i) = max(abs(fine%peak(:, i) - coarse%peak(:, i)), &
-                        abs(fine%mean(:, i) - coarse%mean(:, i)), &
-                        abs(fine%rms(:, i) - coarse%rms(:, i)))
-      tops = max(tops, fine%peak(:, i))
-      rounded = max(rounded, maxval(abs(fine%state(:, i))), maxval(fine%peak(:, i)))
-    end do
-    change = max(maxval(parts), maxval(along), maxval(moved))
-    met = .false.
-    if (any(coarse%ended /= fine%ended .or. fine%ended == run_coarse)) change = huge(1.0_wp)
-    if (.not. change < huge(1.0_wp)) return
-    do d = 1, size(sizes)
-      sizes(d) = maxval([0.0_wp, pack(abs(fine%state(d, :)), alive)])
-    end do
-    sizes = absolute + relative*max(sizes, smallest*maxval(sizes))
-    tops = absolute + relative*max(tops, smallest*maxval(tops))
-    late = absolute + relative*fine%t_reached
-    met = all(moved <= late) .and. all(alive .or. maxval(parts, 1) <= late)
-    do d = 1, size(sizes)
-      met = met .and. all(.not. alive .or. (parts(d, :) <= sizes(d) .and. along(d, :) <= tops(d)))
-    end do
-    if (.not. met) return
-    change = max(change, 4.0_wp*epsilon(1.0_wp)*rounded)
-    if (.not. all(alive)) change = max(change, located*max(1.0_wp, maxval(fine%t_reached, &
-                                                                          mask=.not. alive)))
-  end subroutine compare
 
 end module viscovib_many_runs

@@ -5,10 +5,15 @@ module viscovib_ensemble_groups
   use viscovib_group_reader, only: group_reader
   use viscovib_kinds, only: wp
   use viscovib_many_job, only: many_job
-  use viscovib_many_runs, only: pendulum_numbers, system_numbers
+  use viscovib_many_runs, only: of_parameter, system_numbers
   use viscovib_motion_groups, only: read_frequency
+  use viscovib_namelist, only: namelist_type
+  use viscovib_near_words, only: longest
+  use viscovib_pendulum_numbers, only: pendulum_numbers
+  use viscovib_scene_groups, only: place_of
   use viscovib_status, only: show
   use viscovib_subject, only: subject_type
+  use viscovib_varied_parameter, only: varied_parameter
   implicit none
   private
 
@@ -19,8 +24,9 @@ module viscovib_ensemble_groups
 
 contains
 
-  subroutine read_ensemble(reader, subject, job)
+  subroutine read_ensemble(reader, file, subject, job)
     type(group_reader), intent(inout) :: reader
+    type(namelist_type), intent(in) :: file
     type(subject_type), intent(in) :: subject
     type(many_job), intent(out) :: job
     character(len=:), allocatable :: word
@@ -36,7 +42,7 @@ contains
     if (subject%is_pendulum) then
       job%vary = reader%read_text('vary', allowed=pendulum_numbers, choice=job%place)
     else
-      job%vary = reader%read_text('vary', allowed=system_numbers, choice=job%place)
+      call read_varied(reader, file, job)
     end if
     from = reader%read_real('from')
     to = reader%read_real('to')
@@ -90,6 +96,48 @@ contains
     end do
   end function goes_side_by_side
 
+  !> What varies of a system: one of its numbers, or a parameter of its laws.
+  subroutine read_varied(reader, file, job)
+    type(group_reader), intent(inout) :: reader
+    type(namelist_type), intent(in) :: file
+    type(many_job), intent(inout) :: job
+    character(len=longest), allocatable :: names(:)
+    type(varied_parameter) :: varied
+    integer :: at, i, k, n
+
+    n = 0
+    at = place_of(file, 'parameters')
+    if (at <= size(file%groups)) n = file%groups(at)%n_entries
+    allocate (names(size(system_numbers) + n))
+    names(:size(system_numbers)) = system_numbers
+    do i = 1, n
+      names(size(system_numbers) + i) = file%groups(at)%entries(i)%key
+    end do
+    job%vary = reader%read_text('vary', allowed=names, choice=job%place)
+    if (reader%status%failed()) return
+    if (count(names == job%vary) > 1) then
+      call reader%complain('vary', "vary = '"//job%vary//"': is also one of the &parameters, " &
+                           //'which must have another name')
+    end if
+    if (job%place < of_parameter) return
+    job%place = of_parameter
+    varied%file = file
+    varied%name = job%vary
+    ! Laws as they were written, with names for numbers.
+    do i = 1, size(file%groups)
+      do k = 1, file%groups(i)%n_entries
+        associate (entry => varied%file%groups(i)%entries(k))
+          if (entry%n_values /= 1) cycle
+          if (allocated(entry%values(1)%written)) then
+            entry%values(1)%text = entry%values(1)%written
+            deallocate (entry%values(1)%written)
+          end if
+        end associate
+      end do
+    end do
+    allocate (job%varied, source=varied)
+  end subroutine read_varied
+
   !> The frequency of the load, and what of a system varies.
   subroutine read_system(reader, subject, from, to, job)
     type(group_reader), intent(inout) :: reader
@@ -106,7 +154,7 @@ contains
     else
       call read_frequency(reader, subject%load, job%nu)
     end if
-    if (job%place > 2 .and. size(subject%polynomial%laws) > 0) then
+    if (job%place > 2 .and. job%place < of_parameter .and. size(subject%polynomial%laws) > 0) then
       call reader%complain('vary', "vary = '"//job%vary//"': must not scale a system with laws " &
                            //'of functions; must be nu or load_scale')
     end if

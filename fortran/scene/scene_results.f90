@@ -72,7 +72,7 @@ contains
     case ('modes')
       allocate (modes_job :: job)
     case ('ensemble')
-      call read_ensemble_job(reader, subject, job)
+      call read_ensemble_job(reader, file, subject, job)
     case ('basins')
       call read_basins_job(reader, subject, job)
     case default
@@ -120,14 +120,15 @@ contains
     call move_alloc(own, job)
   end subroutine read_response_job
 
-  subroutine read_ensemble_job(reader, subject, job)
+  subroutine read_ensemble_job(reader, file, subject, job)
     type(group_reader), intent(inout) :: reader
+    type(namelist_type), intent(in) :: file
     type(subject_type), intent(in) :: subject
     class(job_type), allocatable, intent(out) :: job
     type(many_job), allocatable :: own
 
     allocate (own)
-    call read_ensemble(reader, subject, own)
+    call read_ensemble(reader, file, subject, own)
     call move_alloc(own, job)
   end subroutine read_ensemble_job
 

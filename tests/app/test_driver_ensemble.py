@@ -1,5 +1,7 @@
 """The standalone driver: many motions at once, against SciPy, and what is wrong by name."""
 
+import os
+
 import numpy as np
 import pytest
 import viscovib as vv
@@ -181,3 +183,86 @@ def test_motions_that_run_away(solve, tmp_path):
         run = vv.simulate(system, 20, initial=[3, 0], load=0.3 * scale, nu=1.4)
         assert outcome == run.outcome == "diverged"
         assert t == pytest.approx(run.t_reached, abs=1e-8)
+
+
+NUMBERS = "&parameters k3=0.7 mu=0.2 n=2 /"
+LAWS = f"""&system coordinates='x' mass=1 stiffness=0.5 damping=0.3 /
+{NUMBERS}
+&force on='x' law='k3*x^3 + 0.1*x^2' /
+&force on='x' law='mu*tanh(5*x_dot)*(1 + 0.1*x^n)' /
+&load on='x' amplitude=0.3 /
+"""
+
+
+@pytest.mark.parametrize("method", ["verner9", "gauss8", "taylor20"])
+@pytest.mark.parametrize(
+    ("name", "values"),
+    [("k3", np.linspace(0, 2, 11)), ("mu", np.linspace(-0.1, 0.3, 9)), ("n", np.linspace(2, 4, 3))],
+)
+def test_a_parameter_of_laws(solve, tmp_path, name, values, method):
+    """Rows are those of scenes with that value, of Python's ensemble and of SciPy.
+
+    A cubic of 0 and squares are systems of another form: they go in blocks of their own.
+    """
+    of_scene = {"k3": 0.7, "mu": 0.2, "n": 2.0}
+    rest = f"nu=1.2 initial=0.4 0.2 t_end=9 dt=0.01 method='{method}' /\n"
+    few = f"from={values[0]} to={values[-1]} count={values.size}"
+    text = f"{LAWS}&ensemble vary='{name}' {few} {rest}"
+    table = _run(solve, tmp_path, text)
+    checked = "debug" in os.environ.get("VISCOVIB_SOLVE", "")
+    if not checked:
+        vv.run(tmp_path / "many.nml").to_csv(tmp_path / "own.csv")
+        own = (tmp_path / "own.csv").read_bytes()
+        assert own == (tmp_path / "many_ensemble.csv").read_bytes()
+    system = vv.PolynomialSystem(
+        mass=[[1]], stiffness=[[0.5]], damping=[[0.3]], names=["x"], parameters=of_scene,
+        forces={"x": "k3*x^3 + 0.1*x^2 + mu*tanh(5*x_dot)*(1 + 0.1*x^n)"},
+    )  # fmt: skip
+    many = vv.simulate_ensemble(
+        system, t_end=9, initial=[0.4, 0.2], load=0.3, nu=1.2, dt=0.01, method=method,
+        parameters={name: values},
+    )  # fmt: skip
+    np.testing.assert_allclose(table[name], values, atol=1e-15)
+    np.testing.assert_allclose(table["x"], many.state[:, 0], atol=1e-12)
+    one = f"&ensemble vary='load_scale' from=1 to=1 count=1 {rest}"
+    for i in (0, 1, values.size - 1):
+        value = float(table[name][i])
+        k3, mu, n = (of_scene | {name: value}).values()
+
+        def rates(t, y, k3=k3, mu=mu, n=n):
+            force = k3 * y[0] ** 3 + 0.1 * y[0] ** 2
+            force += mu * np.tanh(5 * y[1]) * (1 + 0.1 * y[0] ** int(n))
+            return [y[1], 0.3 * np.sin(1.2 * t) - 0.5 * y[0] - 0.3 * y[1] - force]
+
+        run = solve_ivp(rates, (0, 9), [0.4, 0.2], "DOP853", rtol=1e-12, atol=1e-13)
+        assert table["x"][i] == pytest.approx(run.y[0, -1], abs=1e-10)
+        assert table["x_dot"][i] == pytest.approx(run.y[1, -1], abs=1e-10)
+        numbers = f"&parameters k3={k3!r} mu={mu!r} n={n!r} /"
+        alone = _run(solve, tmp_path, LAWS.replace(NUMBERS, numbers) + one)
+        for column in alone.dtype.names[3:]:
+            assert table[column][i] == np.atleast_1d(alone[column])[0]
+
+
+@pytest.mark.parametrize(
+    ("changes", "text"),
+    [
+        ({"vary='k3'": "vary='k4'"}, "'forces_scale', 'k3', 'mu', 'n'"),
+        ({"k3": "nu"}, "is also one of the &parameters"),
+        (
+            {"(1 + 0.1*x^n)": "sqrt(n + x)", "vary='k3' from=0": "vary='n' from=-1"},
+            "must be defined around rest",
+        ),
+    ],
+)
+def test_a_parameter_that_cannot_vary(solve, tmp_path, changes, text):
+    """One line says why."""
+    scene = LAWS + "&ensemble vary='k3' from=0 to=2 count=4 nu=1.2 initial=0.4 0.2 t_end=9 /\n"
+    for old, new in changes.items():
+        assert old in scene
+        scene = scene.replace(old, new)
+    (tmp_path / "many.nml").write_text(scene)
+    done = solve(tmp_path / "many.nml", "--out", tmp_path / "out")
+    assert done.returncode == 2, done.stdout
+    assert text in done.stderr
+    assert "many.nml:" in done.stderr
+    assert len(done.stderr.strip().splitlines()) == 1

@@ -1,0 +1,76 @@
+!> What many motions told, and by how much shorter steps change it.
+module viscovib_many_motions
+  use viscovib_kinds, only: wp
+  use viscovib_simulate, only: run_coarse, run_completed, run_diverged
+  use viscovib_transient_job, only: located
+  implicit none
+  private
+
+  public :: compare
+
+  !> A coordinate is compared to this part of the largest at least.
+  real(wp), parameter :: smallest = 1.0e-6_wp
+
+  !> What was learnt, run last.
+  type, public :: many_motions
+    real(wp), allocatable :: state(:, :), peak(:, :), mean(:, :), rms(:, :)
+    real(wp), allocatable :: lyapunov(:), t_reached(:)
+    real(wp), allocatable :: sections(:, :, :)
+    integer, allocatable :: ended(:)
+    logical, allocatable :: missed(:)
+  end type many_motions
+
+contains
+
+  !> Whether motions in steps half as long tell the same, and how much they differ; where they do
+  !! tell the same, the error that rounding leaves is in the difference.
+  subroutine compare(coarse, fine, absolute, relative, change, met)
+    type(many_motions), intent(in) :: coarse, fine
+    real(wp), intent(in) :: absolute, relative
+    real(wp), intent(out) :: change
+    logical, intent(out) :: met
+    real(wp), dimension(size(fine%state, 1), size(fine%state, 2)) :: along, parts
+    real(wp), dimension(size(fine%state, 1)) :: sizes, tops
+    real(wp), dimension(size(fine%ended)) :: late, moved
+    real(wp) :: rounded
+    logical :: alive(size(fine%ended))
+    integer :: d, i
+
+    alive = coarse%ended == run_completed .and. fine%ended == run_completed
+    parts = abs(fine%state - coarse%state)
+    ! Of a state that has run away the time is what is known.
+    where (spread(fine%ended == run_diverged, 1, size(parts, 1))) parts = 0.0_wp
+    moved = abs(fine%t_reached - coarse%t_reached)
+    along = 0.0_wp
+    tops = 0.0_wp
+    rounded = 0.0_wp
+    do i = 1, size(alive)
+      ! Of a motion that stopped peaks and means are no numbers.
+      if (.not. alive(i)) cycle
+      along(:, i) = max(abs(fine%peak(:, i) - coarse%peak(:, i)), &
+                        abs(fine%mean(:, i) - coarse%mean(:, i)), &
+                        abs(fine%rms(:, i) - coarse%rms(:, i)))
+      tops = max(tops, fine%peak(:, i))
+      rounded = max(rounded, maxval(abs(fine%state(:, i))), maxval(fine%peak(:, i)))
+    end do
+    change = max(maxval(parts), maxval(along), maxval(moved))
+    met = .false.
+    if (any(coarse%ended /= fine%ended .or. fine%ended == run_coarse)) change = huge(1.0_wp)
+    if (.not. change < huge(1.0_wp)) return
+    do d = 1, size(sizes)
+      sizes(d) = maxval([0.0_wp, pack(abs(fine%state(d, :)), alive)])
+    end do
+    sizes = absolute + relative*max(sizes, smallest*maxval(sizes))
+    tops = absolute + relative*max(tops, smallest*maxval(tops))
+    late = absolute + relative*fine%t_reached
+    met = all(moved <= late) .and. all(alive .or. maxval(parts, 1) <= late)
+    do d = 1, size(sizes)
+      met = met .and. all(.not. alive .or. (parts(d, :) <= sizes(d) .and. along(d, :) <= tops(d)))
+    end do
+    if (.not. met) return
+    change = max(change, 4.0_wp*epsilon(1.0_wp)*rounded)
+    if (.not. all(alive)) change = max(change, located*max(1.0_wp, maxval(fine%t_reached, &
+                                                                          mask=.not. alive)))
+  end subroutine compare
+
+end module viscovib_many_motions
