@@ -66,8 +66,8 @@ subroutine sampling_errors(flat, n_flat, kind_x, data_x, n_x, kind_phi, data_phi
 end subroutine sampling_errors
 
 !> Relative errors of motions at frequencies `nu` as solutions of their equations, or of those next
-!! to rest: n of harmonics relative to the base, of which the first n_used(i) are kept; -1 where that
-!! is not known. cancel(1) /= 0, perhaps set by another thread, gives up.
+!! to rest: n of harmonics relative to the base, of which the first n_used(i) are kept; -1 where
+!! that is not known. cancel(1) /= 0, perhaps set by another thread, gives up.
 subroutine rounding_errors(flat, n_flat, kind_x, data_x, n_x, kind_phi, data_phi, n_phi, orders, &
                            series, n_rows, n_series, linear, kept, n_kept, nu, motions, n, &
                            n_used, cancel, errors, status)

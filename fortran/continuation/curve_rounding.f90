@@ -35,9 +35,9 @@ contains
   end subroutine truncation_shift
 
   !> How far off the rounding of the equations alone leaves a point, relative to its size: x at its
-  !! value of p, and both from the curve. It is |J^-1| times the unit roundoff times the largest term
-  !! of each equation (Higham, Accuracy and Stability of Numerical Algorithms (2002) ch. 7), by a few
-  !! choices of signs.
+  !! value of p, and both from the curve. It is |J^-1| times the unit roundoff times the largest
+  !! term of each equation (Higham, Accuracy and Stability of Numerical Algorithms (2002) ch. 7), by
+  !! a few choices of signs.
   subroutine least_error(curve, c, point, error, off)
     class(curve_type), intent(in) :: curve
     type(corrector_type), intent(in) :: c

@@ -188,9 +188,9 @@ contains
 
   end subroutine make_runs
 
-  !> By how much a run differs from one in steps twice as long, and whether both are right. Runs that
-  !! agree may miss a kink alike that is beside an end of all their steps: one in a step more of
-  !! each first one has other ends.
+  !> By how much a run differs from one in steps twice as long, and whether both are right. Runs
+  !! that agree may miss a kink alike that is beside an end of all their steps: one in a step more
+  !! of each first one has other ends.
   subroutine judge(maker, job, n, factor, coarse, fine, lost, change, met, status)
     class(run_maker), intent(in) :: maker
     class(transient_job), intent(in) :: job

@@ -215,8 +215,8 @@ contains
 
     again = .false.
     motion = reshape(x, shape(motion))
-    allowed = max(rounding/self%share, &
-                  self%ladder%allowed(self%tolerance, self%share*weighted_norm(self%system, motion)))
+    allowed = self%ladder%allowed(self%tolerance, self%share*weighted_norm(self%system, motion))
+    allowed = max(rounding/self%share, allowed)
     if (truncation > allowed .and. self%rung < self%ladder%n_rungs) then
       if (truncation > 0.5_wp*self%previous .and. own <= allowed) self%vain = self%vain + 1
       again = self%vain < max_vain

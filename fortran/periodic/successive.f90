@@ -235,7 +235,8 @@ contains
                                      more%orders, found(lane), reach, short)
         back(lane) = (back(lane)*short + aliased(lane))/max(1.0_wp - response%rate(at), stagnant)
         associate (x => response%coefficients(:, :, at))
-          whole(lane) = whole(lane)*share_of_motion(system, load, 1.0_wp, response%orders, rows_of(x))
+          whole(lane) = whole(lane) &
+                        *share_of_motion(system, load, 1.0_wp, response%orders, rows_of(x))
         end associate
         response%truncation(at) = max(found(lane)*reach, back(lane))/whole(lane)
       end do

@@ -262,7 +262,7 @@ contains
       skipping = work(start//"coordinates = 'phi'"//slash//spectrum//"coordinates = 'phi'"//slash, &
                       'skips: Fourier transforms of z, psi')
       twin = work(start//slash//spectrum//slash)
-      call check(skipping(counted_fourier) == 1 .and. twin(counted_fourier) == 3, 'transforms')
+      call check(skipping(counted_fourier) == 3 .and. twin(counted_fourier) == 9, 'transforms')
       call check(skipping(counted_columns) == 2 .and. twin(counted_columns) == 6, 'columns')
       skipping = work(mount//load//response//nl//"coordinates = 'phi'"//slash, &
                       'skips: columns of x')

@@ -268,4 +268,4 @@ def test_what_is_refused_says_why():
     # A wrong method is not the fault of a kernel.
     for method in ("rk4", "foo", 3):
         with pytest.raises(vv.InputError, match=f"got method = {method!r}$"):
-            run(rubber(kernel=singular), method=method)
+            run(rubber(kernel=table), method=method)
