@@ -94,8 +94,8 @@ def test_steady_motions(seed):
 
 
 def test_in_time_the_reason_is_told():
-    """Motions in time do not take both yet: by name, with what does."""
-    kernel = vv.RzhanitsynKernel(amplitude=0.048, alpha=0.1, beta=0.05)
+    """Motions in time do not take both beside a table of points: by name, with what does."""
+    kernel = vv.TabulatedKernel(times=[0, 1, 2], values=[0.3, 0.1, 0.05])
     system = vv.Structure(
         mass=[1], stiffness=[[1]], damping=[[0.1]],
         elements=[
@@ -103,5 +103,5 @@ def test_in_time_the_reason_is_told():
             vv.Spring(on="x1", stiffness=0.5, kernel=kernel),
         ],
     )  # fmt: skip
-    with pytest.raises(vv.InputError, match="has RzhanitsynKernel: its steps end where an element"):
+    with pytest.raises(vv.InputError, match="has TabulatedKernel: its steps end where an element"):
         vv.simulate(system, 10, load=[1.0], nu=0.9)

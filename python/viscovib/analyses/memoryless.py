@@ -196,10 +196,11 @@ def polynomial_runs(
     together = all(driven) or whole or switches_by_itself(system)
     moves = _all_move(n) if together else moving(system, np.array(driven))
     layers = ThinLayers()
+    reach = EVER
     if system._active_kernels:
         warn_of_slow_mode(system)
-    _, fitted = n_hidden(system)
-    reach = _REACH * end if fitted else math.inf
+        if n_hidden(system)[1]:
+            reach = min(_REACH * end, EVER)
     job = (system._flat, orders, series, frequency, breaks, pieces, moves, layers, reach, force)
     return partial(PolynomialRun.of_job, system, name, state, solved, job), steps
 
@@ -236,8 +237,11 @@ class PolynomialRun(Run):
         super().__init__(system, method, state, h, solved)
         self.job = job
         self.layers = job[7]
-        self.hidden, fitted = n_hidden(system, h, job[8])
-        self.represented = _FITTED if fitted else 0.0
+        if system._active_kernels:
+            self.hidden, fitted = n_hidden(system, h, job[8])
+            self.represented = _FITTED if fitted else 0.0
+        else:
+            self.hidden = 0
 
     @classmethod
     def of_job(
@@ -295,18 +299,19 @@ class PolynomialRun(Run):
 
     def _plan(self, end: float, dt: float, tolerance: float, every: int, last: bool) -> bytes:
         text: bytes = _native.call(
-            core.polynomial_plan, self.job[0], min(self.job[8], EVER), *self.job[1:3], self.begin,
+            core.polynomial_plan, self.job[0], self.job[8], *self.job[1:3], self.begin,
             end, dt, tolerance, METHODS[self.method], every, int(last),
         )[0]  # fmt: skip
         return text
 
     def _native_steps(self, count: int, every: int, columns: int, times: FloatArray) -> Piece:
-        until, reach = self._time_after(self.done + count), self.job[8]
-        if until > reach * (1 + 1e-9):
-            raise InputError(
-                f"t_end = {until:g}: a run made for t_end = {reach / _REACH:g} beside kernels that "
-                f"are no sums of exponentials may go on to {reach:g} at most"
-            )
+        if self.represented:
+            until, reach = self._time_after(self.done + count), self.job[8]
+            if until > reach * (1 + 1e-9):
+                raise InputError(
+                    f"t_end = {until:g}: a run made for t_end = {reach / _REACH:g} beside kernels "
+                    f"that are no sums of exponentials may go on to {reach:g} at most"
+                )
         resume = 0 if self.memory is None else 2 if self.anew else 1
         # Every surface and every state of an element has at least two numbers in the vector.
         n = self.state.size // 2 + self.hidden
@@ -318,7 +323,7 @@ class PolynomialRun(Run):
                 count > _native.MANY_STEPS,
                 core.polynomial_simulate,
                 self.job[0],
-                min(self.job[8], EVER),
+                self.job[8],
                 *self.job[1:6],
                 *self._mesh_arrays(),
                 METHODS[self.method],

@@ -241,7 +241,10 @@ class Response(PeriodicMotions, Result):
 
     def _linear_sizes(self, d: int, j: int, nu: FloatArray) -> FloatArray:
         """Amplitudes of a linear response at other frequencies."""
-        return np.abs(self._linear_motions(nu)[:, d, j])
+        return np.abs(self._linear_component(d, j, nu))
+
+    def _linear_component(self, d: int, j: int, nu: FloatArray) -> ComplexArray:
+        return np.asarray(self._linear_motions(nu)[:, d, j])
 
     def _linear_motions(self, nu: FloatArray) -> ComplexArray:
         """X_k of the coordinates that the core computes, shape (n, n_dof, m)."""
@@ -467,6 +470,7 @@ class Response(PeriodicMotions, Result):
                 "highest": ("nu", self.highest, {"long_name": "highest order kept"}),
                 "truncation": ("nu", self.truncation),
                 "sampling": ("nu", self.sampling),
+                "error": ("nu", self.error, {"long_name": "relative, of each motion"}),
             },
             coords={
                 "nu": ("nu", self.nu, {"units": "rad/s", "long_name": "circular frequency"}),
@@ -596,7 +600,7 @@ def _scatters(response: Response, d: int, j: int, nu: FloatArray) -> npt.NDArray
     motions = response._linear_motions(near.ravel()).reshape(*near.shape, -1)
     at = np.abs(motions[0]).argmax(axis=-1)[np.newaxis, :, np.newaxis]
     with np.errstate(invalid="ignore", divide="ignore"):
-        part = motions[..., d * response.harmonics.size + j]
+        part = response._linear_component(d, j, near.ravel()).reshape(near.shape)
         part = part / np.take_along_axis(motions, at, -1)[..., 0]
     size = np.abs(part).mean(axis=0)
     apart = np.abs(part - part.mean(axis=0)).max(axis=0)

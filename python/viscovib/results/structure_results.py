@@ -141,10 +141,10 @@ class StructureResponse(_OfStructure, Response):
             _known(self._view), self.nu, self.harmonics, self._condensed, ones, linear=linear
         )
 
-    def _linear_sizes(self, d: int, j: int, nu: FloatArray) -> FloatArray:
+    def _linear_component(self, d: int, j: int, nu: FloatArray) -> ComplexArray:
         view = _known(self._view)
         own = self._linear_motions(nu) - view.loaded.base_motion(self.harmonics)
-        return np.abs(view.at([view.names[d]]).expand(nu, self.harmonics, own)[:, 0, j])
+        return view.at([view.names[d]]).expand(nu, self.harmonics, own)[:, 0, j]
 
     def _summit(self, places: Any, d: int, j: int) -> tuple[float, float] | None:
         kept = np.flatnonzero(self.harmonics <= int(self.highest[places].max()))
