@@ -47,6 +47,8 @@ MAX_SECTIONS = 64
 REMEMBERING = ("gauss8",)
 #: The same with coordinates of the core for exponentials that remember, as of `modal_frame`.
 MOST_IN_FRAME = 256
+#: Where the numbers of a system count its kernels; of structures they stand in elements alone.
+_N_KERNELS = 3
 #: How far beyond its end a run may go on: sums that stand for kernels reach as far.
 _REACH = 100.0
 #: Their relative error, as far as runs with one of each do not tell it, as in the core.
@@ -199,9 +201,10 @@ def polynomial_runs(
     reach = EVER
     if system._active_kernels:
         warn_of_slow_mode(system)
-        if n_hidden(system)[1]:
-            reach = min(_REACH * end, EVER)
-    job = (system._flat, orders, series, frequency, breaks, pieces, moves, layers, reach, force)
+    flat = system._flat
+    if flat[_N_KERNELS] and n_hidden(system)[1]:
+        reach = min(_REACH * end, EVER)
+    job = (flat, orders, series, frequency, breaks, pieces, moves, layers, reach, force)
     return partial(PolynomialRun.of_job, system, name, state, solved, job), steps
 
 
@@ -237,7 +240,7 @@ class PolynomialRun(Run):
         super().__init__(system, method, state, h, solved)
         self.job = job
         self.layers = job[7]
-        if system._active_kernels:
+        if job[0][_N_KERNELS]:
             self.hidden, fitted = n_hidden(system, h, job[8])
             self.represented = _FITTED if fitted else 0.0
         else:
