@@ -24,8 +24,9 @@ _ENDINGS = f"{', '.join((*MATRIX_MARKET, *HARWELL_BOEING))} or .npz"
 #: Fortran's edit descriptors of numbers: repetitions, letter, width.
 _FORMAT = re.compile(r"\(\s*(?:\d+P\s*,?\s*)?(\d*)([IEDFG])(\d+)(?:\.\d+)?(?:E\d+)?\s*\)", re.I)
 #: What stands above the entries of a Matrix Market file: its kind, comments and its size.
-_HEAD = re.compile(rb"[^\n]*\n(?:[ \t]*(?:%[^\n]*)?\r?\n)*+[^\n]*(?:\n|\Z)")
-_WHOLE, _REAL = rb"[+-]?\d++", rb"[+-]?(?:\d++\.?\d*+|\.\d++)(?:[eEdD][+-]?\d++)?+"
+_HEAD = re.compile(rb"[^\n]*\n(?:[ \t]*(?:%[^\n]*)?\r?\n)*[^\n]*(?:\n|\Z)")
+#: Python before 3.11.5 mistakes possessive groups that turn back within: none is in these.
+_WHOLE, _REAL = rb"[+-]?\d++", rb"[+-]?(?:\d++\.?\d*+|\.\d++)(?:[eEdD][+-]?\d++)?"
 _PLACES = {"coordinate": rb"\d++[ \t]++\d++[ \t]++", "array": b""}
 #: SciPy knows exponents of double precision, as Fortran writes them, no more than signs "+".
 _EXPONENTS = bytes.maketrans(b"dD", b"ee")
@@ -119,8 +120,11 @@ def _checked(name: str, file: Path, content: bytes, form: str, kind: str) -> byt
     body = content[start:] + (b"" if content.endswith(b"\n") else b"\n")
     whole = "integer" in kind
     entry = _PLACES[form] + (_WHOLE if whole else _REAL)
-    sound = re.match(rb"(?:[ \t]*+(?:" + entry + rb")?+[ \t]*+(?:%[^\n]*)?+\r?\n)*+", body)
-    end = sound.end() if sound else 0
+    # Some lines at once, since each keeps a place to turn back to.
+    lines = re.compile(rb"(?:[ \t]*+(?:" + entry + rb")?[ \t]*+(?:%[^\n]*+)?\r?\n){1,1000}")
+    end = 0
+    while sound := lines.match(body, end):
+        end = sound.end()
     if end < len(body):
         line = body[end : body.index(b"\n", end)].decode("latin-1").strip()
         what = "a number" if form == "array" else "row, column and number"
