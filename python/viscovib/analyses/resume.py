@@ -246,7 +246,7 @@ def go_on(
         finer = again(begun, factor)
         return None if finer is None else finer.steps(factor * n, kept.finer(factor), progress)
 
-    return with_estimate(result, fine, "by a run in half steps from the first start on")
+    return with_estimate(result, fine, " from the first start on")
 
 
 def _ahead(run: Run, end: float, want: Wanted) -> tuple[int, Wanted]:

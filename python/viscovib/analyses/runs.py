@@ -153,9 +153,11 @@ def least_error(run: Trajectory) -> float:
 
 
 def with_estimate(
-    run: Trajectory, make: Callable[[int], Trajectory | None], how: str
+    run: Trajectory, make: Callable[[int], Trajectory | None], begin: str = ""
 ) -> Trajectory:
     """The run with the error that others tell; ``make(k)``: in k times the steps, None: it stopped.
+
+    ``begin``: where the others do, if elsewhere.
 
     Where steps go over kinks one beside the end of a step may be missed alike in halves of steps.
     Thirds have other ends but those of whole steps.
@@ -163,13 +165,9 @@ def with_estimate(
     factors = (2, 3) if run._resume is not None and run._resume.over_kinks else (2,)
     finer = [make(factor) for factor in factors]
     change = max(math.inf if fine is None else difference(run, fine) for fine in finer)
-    how = (
-        how
-        if len(factors) == 1
-        else how.replace("a run in half steps", "runs in half steps and thirds")
-    )
+    how = "by a run in half steps" if len(factors) == 1 else "by runs in half steps and thirds"
     error = max(change, least_error(run))
-    return replace(run, error=error, _planned=partial(_plan_with_estimate, run, how))
+    return replace(run, error=error, _planned=partial(_plan_with_estimate, run, how + begin))
 
 
 def _plan_with_estimate(run: Trajectory, how: str) -> Plan:

@@ -448,7 +448,7 @@ def _with_step(steps: _Steps, end: float, step: float, estimated: bool) -> Traje
     if told is not None:
         warnings.warn(f"dt = {step:g}: {told}", ConvergenceWarning, stacklevel=caller())
     if estimated:
-        return with_estimate(result, lambda k: run(k, 1), "by a run in half steps")
+        return with_estimate(result, lambda k: run(k, 1))
     return result
 
 

@@ -13,6 +13,7 @@ from viscovib._native import ComplexArray, FloatArray
 from viscovib.errors import InputError
 from viscovib.systems.condensed import LoadedStructure
 from viscovib.systems.elements import terms_in_order
+from viscovib.systems.load import one_of
 from viscovib.systems.polynomial_system import PolynomialSystem
 
 
@@ -51,10 +52,7 @@ class View:
         index = {name: i for i, name in enumerate(self.all_names)}
         for name in coordinates:
             if name not in index:
-                raise InputError(
-                    f"coordinates: {_native.shown(name)} must be one of the {len(index)} "
-                    f"coordinates {self.all_names[0]}, ..."
-                )
+                raise InputError(f"coordinates: {_native.shown(name)} {one_of(index)}")
         places = np.array([index[name] for name in coordinates])
         return replace(
             self, places=places, names=tuple(coordinates),

@@ -15,6 +15,7 @@ from viscovib.kernels.relaxation import Kernel
 from viscovib.systems.contacts import Contact
 from viscovib.systems.friction import Hysteresis
 from viscovib.systems.laws import Law, parameter_values, read_law
+from viscovib.systems.load import one_of
 from viscovib.systems.python_law import PythonLaw, callable_law, python_law, python_laws
 
 #: What a direction may be: a coordinate, two of them for their difference, weights, or a vector.
@@ -304,8 +305,7 @@ def _place(where: str, name: Any, n: int, places: Mapping[str, int]) -> int:
     if isinstance(name, str):
         if name in places:
             return places[name]
-        some = ", ".join(list(places)[:4]) + (", ..." if n > 4 else "")
-        raise InputError(f"{where} = {name!r}: must be one of the {n} coordinates {some}")
+        raise InputError(f"{where} = {name!r}: {one_of(places)}")
     if isinstance(name, (int, np.integer)) and not isinstance(name, bool) and 0 <= name < n:
         return int(name)
     raise InputError(f"{where} = {_native.shown(name)}: must be a coordinate, 0 to {n - 1}")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -93,6 +93,13 @@ def name_places(names: Sequence[str]) -> dict[str, int]:
     return {name: place for place, name in enumerate(names)}
 
 
+def one_of(names: Iterable[str]) -> str:
+    """Which coordinates may be named, the first of them."""
+    known = list(names)
+    some = ", ".join(known[:4]) + (", ..." if len(known) > 4 else "")
+    return f"must be one of the {len(known)} coordinates {some}"
+
+
 def base_by_order(base: Any) -> dict[Any, Any]:
     """Motions of a base by their orders; a number, a vector or names are order 1."""
     if base is None:
@@ -166,10 +173,7 @@ def _by_order(
         if isinstance(term, Mapping) and places is not None:
             for key, force in term.items():
                 if key not in places:
-                    raise InputError(
-                        f"{name}[{k}]: {_native.shown(key)} must be one of the {n_dof} coordinates "
-                        f"{', '.join(list(places)[:4])}{', ...' if n_dof > 4 else ''}"
-                    )
+                    raise InputError(f"{name}[{k}]: {_native.shown(key)} {one_of(places)}")
                 vector[places[key]] += _native.complex_array(f"{name}[{k}][{key!r}]", force, ndim=0)
         else:
             _fill(vector, f"{name}[{k}]", term)
