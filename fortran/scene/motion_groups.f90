@@ -75,6 +75,7 @@ contains
     character(len=:), allocatable :: word
     real(wp) :: start(2*(system%n_dof - system%n_hidden))
     logical :: may_lack
+    integer :: past
 
     may_lack = .false.
     if (present(from_rest)) may_lack = from_rest
@@ -88,6 +89,8 @@ contains
     job%dt = reader%read_real('dt', 0.0_wp)
     call read_accuracy(reader, job)
     word = reader%read_text('method', 'gauss8', transient_methods, job%method)
+    ! What remembers does so by exponentials.
+    if (may_lack) word = reader%read_text('memory', past_names(1), past_names(:2), past)
     job%save_every = reader%read_integer('save_every', 1)
     call read_keep(reader, job)
     if (reader%status%failed()) return

@@ -4,6 +4,7 @@ module viscovib_scene
   use viscovib_fitted_memory, only: bound_hidden
   use viscovib_group_reader, only: group_reader
   use viscovib_growing_text, only: growing_text
+  use viscovib_hereditary_job, only: past_names
   use viscovib_job, only: job_type
   use viscovib_kernel_groups, only: read_kernels
   use viscovib_kernel_holder, only: kernel_holder
@@ -16,7 +17,7 @@ module viscovib_scene
   use viscovib_modal_frame, only: most_in_frame
   use viscovib_mount, only: mount_parameters
   use viscovib_mount_groups, only: read_mount
-  use viscovib_namelist, only: group_type, namelist_type, read_namelist
+  use viscovib_namelist, only: group_type, lower, namelist_type, read_namelist
   use viscovib_pendulum_groups, only: read_pendulum
   use viscovib_polynomial, only: polynomial_type
   use viscovib_scene_groups, only: check_groups, find_result, place_of
@@ -179,16 +180,21 @@ contains
   logical function fits_sections(file, system) result(fits)
     type(namelist_type), intent(in) :: file
     type(polynomial_type), intent(in) :: system
-    integer :: method, n_hidden
+    integer :: method, n_hidden, place
 
     fits = .false.
     n_hidden = bound_hidden(system)
     if (n_hidden < 0 .or. system%n_dof() + n_hidden > most_in_frame) return
     associate (group => file%groups(place_of(file, 'transient')))
-      if (group%find('held') > 0 .or. group%find('memory') > 0) return
+      if (group%find('held') > 0) return
+      place = group%find('memory')
+      if (place > 0) then
+        if (all(past_names(:2) /= lower(group%entries(place)%values(1)%text))) return
+      end if
       method = group%find('method')
       if (method > 0) then
-        method = findloc(transient_methods == group%entries(method)%values(1)%text, .true., 1)
+        method = findloc(transient_methods == lower(group%entries(method)%values(1)%text), &
+                         .true., 1)
         if (method == 0) return
         if (system%n_dof() <= max_dof .and. n_hidden == 0) method = 1
         if (.not. takes_sections(method) .or. (n_hidden > 0 .and. method /= 1)) return

@@ -190,12 +190,20 @@ SWITCHING = {
     "quadratic": CHAIN.format(FIXED, "rayleigh=0.02 0.03")
     + "&element on='x1' 'x3' law='where(d > 0.1, 5*d - 0.5, 0) + 0.2*v*abs(v)' /\n"
     f"&transient t_end=6 dt=0.1 save_every=3 {START} /\n&spectrum discard=1 /\n",
+    "remembering": "&structure size=2 mass=1 2 stiffness=2 -1 -1 2 damping=0.1 0 0 0.1 /\n"
+    + KERNELS
+    + "&element on='x1' law='30*max(d - 0.1, 0)' kernel=0 /\n"
+    "&element on='x2' stiffness=1.5 law='0.5*d^3' kernel=1 /\n&load on='x2' amplitude=0.7 /\n"
+    "&transient t_end=8 nu=0.9 initial=0.3 0 0 0 memory='Exponentials' method='GAUSS8' /\n",
 }
 
 
 @pytest.mark.parametrize("name", SWITCHING)
 def test_steps_end_where_laws_switch(solve, tmp_path, name):
-    """Of small structures too: the table is exact, where fixed steps would pass the corners."""
+    """Of small structures too: the table is exact, where fixed steps would pass the corners.
+
+    A memory by exponentials may be asked for by name, in any case of its letters.
+    """
     path = tmp_path / f"{name}.nml"
     path.write_text(SWITCHING[name])
     done = solve(path, "--out", tmp_path)

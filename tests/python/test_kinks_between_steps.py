@@ -32,7 +32,7 @@ def test_errors_hold(law, behind):
     for load in 0.3 + 0.05 * np.arange(10):
         true = simulated(spring, load, tolerance=1e-9)
         try:
-            run = simulated(spring, load, tolerance=1e-6, memory="exponentials")
+            run = simulated(spring, load, tolerance=1e-6, memory="direct")
         except NotMetError:
             continue
         assert run.error <= 1e-6
@@ -44,7 +44,7 @@ def test_errors_hold(law, behind):
 def test_a_kink_beside_the_end_of_all_steps():
     """It is missed alike in steps h, h/2 and h/4: a run with other ends sees it."""
     spring = vv.Spring(on="x1", law="4*abs(d - 0.1)*d")
-    run = simulated(spring, 0.396, tolerance=1e-6, memory="exponentials")
+    run = simulated(spring, 0.396, tolerance=1e-6, memory="direct")
     true = simulated(spring, 0.396, tolerance=1e-9)
     assert np.abs(run.state - true.state).max() <= run.error
 
@@ -56,7 +56,7 @@ def test_errors_at_given_steps(step):
     beyond = []
     for load in 0.3 + 0.02 * np.arange(20):
         true = simulated(spring, load, tolerance=1e-9)
-        run = simulated(spring, load, dt=step, estimate_error=True, memory="exponentials")
+        run = simulated(spring, load, dt=step, estimate_error=True, memory="direct")
         beyond.append(np.abs(run.state - true.state).max() / run.error)
     assert "and thirds" in str(run.plan)
     assert max(beyond) <= 1.5
@@ -65,9 +65,7 @@ def test_errors_at_given_steps(step):
 def test_smooth_laws_take_no_third_run():
     """A kink that is never met asks for one more; a law without kinks for none."""
     steps = [
-        simulated(vv.Spring(on="x1", law=law), 0.4, tolerance=1e-3, memory="exponentials").stats[
-            "steps"
-        ]
+        simulated(vv.Spring(on="x1", law=law), 0.4, tolerance=1e-3, memory="direct").stats["steps"]
         for law in ("0.3*sin(d)", "0.3*sin(d) + max(d - 9, 0)")
     ]
     assert steps[1] == 2 * steps[0]

@@ -55,6 +55,18 @@ def test_against_scipy_from_switch_to_switch(law, gap):
         np.testing.assert_allclose(found.state, true, atol=2e-10)
 
 
+@pytest.mark.parametrize("kernel", [KERNEL, vv.RabotnovKernel(amplitude=0.1, alpha=0.4, beta=1)])
+def test_memory_by_its_name(kernel):
+    """Exponentials are what such motions keep: asked for or not, they are one, to the last bit."""
+    system = vv.PolynomialSystem(
+        mass=1, stiffness=1, damping=0.1, forces="20*max(x - 0.1, 0)", kernel=kernel
+    )
+    for one in (rubber(kernel=kernel), system):
+        given = {"load": [0.9, 0][: len(one.dof_names)], "nu": 1.3, "dt": 0.1}
+        runs = [vv.simulate(one, 4, memory=name, **given) for name in ("auto", "exponentials")]
+        np.testing.assert_array_equal(runs[0].state, runs[1].state)
+
+
 def test_rates_much_faster_than_steps():
     """A start away from rest and switches leave layers of 1e-4 s: parts of steps follow them."""
     stiff = vv.PronyKernel(weights=[0.3, 3e3], rates=[1.0, 1e4])

@@ -45,6 +45,8 @@ IN_SECTIONS = ("gauss8", "gauss2", "gauss3")
 MAX_SECTIONS = 64
 #: The method whose parts behind a switch, each twice as long as the one before, see what fades.
 REMEMBERING = ("gauss8",)
+#: What such motions are told of memory: it is by exponentials.
+AS_COORDINATES = ("auto", "exponentials")
 #: The same with coordinates of the core for exponentials that remember, as of `modal_frame`.
 MOST_IN_FRAME = 256
 #: Where the numbers of a system count its kernels; of structures they stand in elements alone.
@@ -104,7 +106,7 @@ def goes_as_pendulum(
     """Whether a system needs nothing but what the methods of a pendulum give."""
     if isinstance(system, Mount) or system._turns:
         return False
-    if not _native.is_auto(memory):
+    if not (isinstance(memory, str) and memory in AS_COORDINATES):
         return False
     if system._active_kernels and not _fades_beside_switches(system, method):
         return False

@@ -178,10 +178,10 @@ def simulate(
     the nodes of a step. A step costs as many operations as there are modes, times its nodes. Its
     methods are those of a mount. A polynomial system of more than 64 coordinates goes the same way.
     Where laws have kinks or states, steps end at their switches in structures of at most 64
-    coordinates without ``held`` and ``base``, and in polynomial systems of at most 6: by the
-    methods of a pendulum, of which more than 6 coordinates have "gauss8", "gauss2" and "gauss3",
-    those with memory "gauss8". Kernels that are no sums of exponentials are taken as such, fitted
-    for the step; tables of points cannot be.
+    coordinates without ``held``, ``base`` and ``memory="direct"``, and in polynomial systems of at
+    most 6: by the methods of a pendulum, of which more than 6 coordinates have "gauss8", "gauss2"
+    and "gauss3", those with memory "gauss8". Kernels that are no sums of exponentials are taken as
+    such, fitted for the step; tables of points cannot be.
 
     Examples
     --------

@@ -15,6 +15,7 @@ import numpy.typing as npt
 
 from viscovib._native import FloatArray, shown
 from viscovib.analyses.memoryless import (
+    AS_COORDINATES,
     IN_SECTIONS,
     MAX_DOF,
     MAX_SECTIONS,
@@ -68,8 +69,8 @@ def goes_whole(
         told = "is for structures all of whose coordinates have mass"
     elif not (isinstance(method, str) and method in methods):
         told = f"has the methods {', '.join(methods)}, got method = {shown(method)}"
-    elif not (isinstance(memory, str) and memory == "auto"):
-        told = f"has memory 'auto', got memory = {shown(memory)}"
+    elif not (isinstance(memory, str) and memory in AS_COORDINATES):
+        told = f"has memory {' or '.join(map(repr, AS_COORDINATES))}, got memory = {shown(memory)}"
     elif (lacks := _lacks_exponentials(system)) is not None:
         told = lacks
     elif sections and shares_switches(system):
