@@ -2,7 +2,9 @@
 !!
 !! Multipliers are those of the motion that was found, and this is off by its truncation. So the
 !! verdict must be the same for motions beside it, three truncations away: larger and smaller ones,
-!! and ones with more and less of the higher half of the orders. Where one of them is judged
+!! and ones with more and less of the higher half of the orders; and as many disturbances must grow
+!! and an odd or even number of them with the period of the motion, the sign of det(M - 1): from a
+!! multiplier above 1 to one below -1 the way is through the circle. Where one of them is judged
 !! otherwise, or the logarithm of the largest multiplier is below the truncation itself, stability
 !! is unknown. Multipliers change by less than 10^4 times the truncation, so that motions far from
 !! the circle are not looked at, nor are those whose truncation is allowed.
@@ -26,6 +28,8 @@ module viscovib_truncated_stability
   !> How far the motions beside are away, in truncations.
   real(wp), parameter :: as_far = 3.0_wp
   integer, parameter :: n_beside = 4
+  !> Frequency below which a disturbance has the period of the motion, of that of the load.
+  real(wp), parameter :: on_the_line = 1.0e-6_wp
   !> The verdict is certain, it is not, or motions beside tell.
   integer, parameter :: sure = 0, lost = 1, doubtful = 2
 
@@ -54,7 +58,7 @@ contains
       do k = 1, n_beside, 2
         call judge%judge(system, [nu(i), nu(i)], beside(:, :, k:k + 1), others, cancel)
         if (given_up(cancel)) return
-        if (all(others%stable == stability%stable(i))) cycle
+        if (alike(stability, i, others, 1, nu(i)) .and. alike(stability, i, others, 2, nu(i))) cycle
         call set_unknown(stability, i)
         exit
       end do
@@ -92,6 +96,32 @@ contains
       stability%slowest(i) = one%slowest(1)
     end do
   end subroutine doubt_curve
+
+  !> Whether motion i of `a` and motion k of `b` can pass into each other while no multiplier
+  !! passes the circle.
+  pure logical function alike(a, i, b, k, nu)
+    type(stability_type), intent(in) :: a, b
+    integer, intent(in) :: i, k
+    real(wp), intent(in) :: nu
+
+    alike = a%n_growing(i) == b%n_growing(k)
+    if (.not. alike .or. a%n_growing(i) == 0) return
+    if (ieee_is_nan(real(a%exponents(1, i))) .or. ieee_is_nan(real(b%exponents(1, k)))) return
+    alike = modulo(n_above_one(a%exponents(:, i), nu) - n_above_one(b%exponents(:, k), nu), 2) == 0
+  end function alike
+
+  !> Growing exponents whose multiplier is real and positive.
+  pure integer function n_above_one(exponents, nu)
+    complex(wp), intent(in) :: exponents(:)
+    real(wp), intent(in) :: nu
+    integer :: i
+    n_above_one = 0
+    do i = 1, size(exponents)
+      if (ieee_is_nan(real(exponents(i)))) return
+      if (real(exponents(i)) > 0.0_wp .and. abs(aimag(exponents(i))) < on_the_line*nu) &
+        n_above_one = n_above_one + 1
+    end do
+  end function n_above_one
 
   subroutine set_unknown(stability, i)
     type(stability_type), intent(inout) :: stability

@@ -84,3 +84,24 @@ def test_stability_is_not_doubted_where_harmonics_are_enough():
     system = vv.PolynomialSystem(mass=1, stiffness=1, damping=0.05, forces="x^3")
     branch = vv.trace_response(system, (0.4, 3), load=0.5)
     assert branch.stable.dtype == bool
+
+
+def test_a_multiplier_that_jumps_from_one_side_of_the_circle_to_the_other():
+    """The same on the upper branch: motions beside have 1.8 and -2.3, the whole one is stable.
+
+    Event-accurate shooting finds it stable from its period doubling at .73875 down to its
+    Neimark-Sacker point at .61861; ten points were told unstable.
+    """
+    stiffness = np.array([[1.0, -1], [-1, 2]])
+    system = vv.PolynomialSystem(
+        mass=[1, 1], stiffness=stiffness, damping=0.03 * stiffness,
+        forces={"x1": "100*max(x1 - 1, 0)"},
+    )  # fmt: skip
+    branch = vv.trace_response(system, (0.8, 0.6), load=[0, 0.1], harmonics=21)
+    upper = np.arange(branch.nu.size) > branch.nu[60:].argmax() + 60
+    there = upper & (branch.nu < 0.7387) & (branch.nu > 0.6187)
+    assert there.sum() > 10
+    assert not any(one is False for one in branch.stable[there])
+    # Where all that is beside is unstable alike, that is told.
+    lower = ~upper & (np.arange(branch.nu.size) > 32) & (branch.nu < 0.656)
+    assert all(one is False for one in branch.stable[lower])
