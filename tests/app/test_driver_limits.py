@@ -171,6 +171,35 @@ def test_a_part_that_is_a_link_is_not_followed(solve, tmp_path):
     assert not (out / "python.csv.part").exists()
 
 
+def test_a_table_is_written_through_a_link_which_stays(solve, tmp_path):
+    """A file in place of the link would cut off who reads where it leads; Python's tables alike."""
+    folder, there = tmp_path / "out", tmp_path / "there"
+    folder.mkdir()
+    there.mkdir()
+    link = folder / "mount_paper_response.csv"
+    (there / "last.csv").symlink_to(there / "table.csv")
+    for leads in ("../there/table.csv", there / "table.csv", "../there/last.csv"):
+        for old in (None, "old"):
+            (there / "table.csv").unlink(missing_ok=True)
+            if old is not None:
+                (there / "table.csv").write_text(old)
+            link.symlink_to(leads)
+            assert solve(SCENES / "mount_paper.nml", "--out", folder).returncode == 0
+            assert link.is_symlink()
+            assert stat.S_ISREG((there / "table.csv").lstat().st_mode)
+            assert (there / "table.csv").read_text().startswith("#")
+            assert {path.name for path in there.iterdir()} == {"last.csv", "table.csv"}
+            assert [path.name for path in folder.iterdir()] == [link.name]
+            link.unlink()
+    for leads, why in ((link, "Too many levels"), ("none/table.csv", "No such file")):
+        link.symlink_to(leads)
+        done = solve(SCENES / "mount_paper.nml", "--out", folder)
+        assert done.returncode == 3
+        assert f"{link}: cannot be written ({why}" in done.stderr
+        assert link.is_symlink()
+        link.unlink()
+
+
 def test_a_limit_on_the_size_of_files_is_told(solve, tmp_path):
     def limit():
         resource.setrlimit(resource.RLIMIT_FSIZE, (1 << 14, 1 << 14))
