@@ -93,3 +93,60 @@ def test_soft_natural_frequencies_beside_a_stiff_spring():
             right = [float(mpmath.sqrt(x)) for x in mpmath.eigsy(a, eigvals_only=True)]
         # A spring of 1e9 times the others left 1e-7 of the softest mode.
         assert system.natural_frequencies() == pytest.approx(right, rel=2e-11)
+
+
+def twin_chains(n, stiff):
+    """Stiffness of two chains of n masses, each joined to its twin: both move as one chain does.
+
+    Squares of the frequencies are 4 sin(j pi/(2 n + 2))^2, and those and twice the spring.
+    """
+    one = 2 * np.eye(n) - np.eye(n, k=1) - np.eye(n, k=-1)
+    return one, np.kron(np.eye(2), one) + stiff * np.kron(np.array([[1, -1], [-1, 1]]), np.eye(n))
+
+
+@pytest.mark.parametrize("stiff", [2.0**8, 2.0**20, 2.0**26])
+def test_modes_of_many_coordinates_are_those_of_a_chain(stiff):
+    n = 70
+    _, stiffness = twin_chains(n, stiff)
+    rest = vv.Structure(mass=np.eye(2 * n), stiffness=stiffness)._rest
+    angles = np.arange(1, n + 1) * np.pi / (2 * n + 2)
+    soft = 4 * np.sin(angles) ** 2
+    assert rest.squares == pytest.approx([*soft, *(soft + 2 * stiff)], rel=2e-14)
+    waves = np.sin(2 * np.outer(np.arange(1, n + 1), angles)) / np.sqrt(n + 1)
+    mixed = rest.shapes[:, :n].T @ np.concatenate([waves, waves])
+    assert np.abs(mixed) == pytest.approx(np.eye(n), abs=1e-13)
+
+
+@pytest.mark.parametrize("kind", ["none", "dampers", "follower forces"])
+@pytest.mark.parametrize("stiff", [2.0**8, 2.0**20, 2.0**26])
+def test_many_coordinates_beside_stiff_springs_move_as_one_chain(kind, stiff):
+    rng = np.random.default_rng(3)
+    n = 55
+    one, stiffness = twin_chains(n, stiff)
+    mass, damping = rng.uniform(0.5, 2, n), np.zeros((n, n))
+    if kind != "none":
+        for i in rng.integers(1, n, 3):
+            damping[i, i], damping[i, i - 1] = 0.4, 0.1
+    if kind == "dampers":
+        damping = (damping + damping.T) / 2
+    load, start = np.zeros(n), np.linalg.solve(one, np.eye(n)[7])
+    load[30] = 1.0
+    structure = vv.Structure(
+        mass=np.diag(np.tile(mass, 2)), stiffness=stiffness, damping=np.kron(np.eye(2), damping)
+    )
+    t = 10.0
+    run = vv.simulate(
+        structure, t, initial=np.column_stack([np.tile(start, 2), np.zeros(2 * n)]).ravel(),
+        load=np.tile(load, 2), nu=0.5, times=[t], coordinates=structure.dof_names,
+    )  # fmt: skip
+    rates = np.block(
+        [[np.zeros((n, n)), np.eye(n)], [-one / mass[:, None], -damping / mass[:, None]]]
+    )
+    wave = np.concatenate([np.zeros(n), load / mass])[:, None] * [[1, 0]]
+    turning = np.array([[0, 0.5], [-0.5, 0]])
+    grown = expm(t * np.block([[rates, wave], [np.zeros((2, 2 * n)), turning]]))
+    right = (grown @ [*start, *np.zeros(n), 0, 1])[: 2 * n].reshape(2, n)
+    off = np.abs(run.state[0].reshape(2, n, 2) - right.T).max(axis=(0, 1))
+    # Rounding of the start lets the stiff springs swing, at their frequency.
+    assert off[0] < 2e-13
+    assert off[1] < 2e-13 + 1e-15 * np.sqrt(stiff)

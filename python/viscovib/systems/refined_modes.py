@@ -1,44 +1,68 @@
 """Modes of matrices in which stiffnesses differ much, to the digits that their entries hold.
 
 An eigensolver leaves errors of 1e-16 of the largest square of a frequency in all of them: next to
-a spring of 1e8 times the others soft modes keep eight digits. Products of the modes found with
-the matrices, in extended precision, tell what they are off by, and a step of first order in that
-squares it (Ogita and Aishima, Japan J. Indust. Appl. Math. 35 (2018) 1007).
+a spring of 1e8 times the others soft modes keep eight digits. What the modes found leave of their
+equations, computed beyond double precision, tells what they are off by:
+
+    w_j = K r_j - omega_j^2 M r_j,    E_ij = r_i^T w_j/(omega_j^2 - omega_i^2),                  (1)
+
+r_j + sum_i r_i E_ij being off by the square of that (Ogita and Aishima, Japan J. Indust. Appl.
+Math. 35 (2018) 1007). Products with residuals need no more than double precision. Modes that are
+too near to each other for (1) are taken apart in what they span (Rayleigh and Ritz).
 """
 
+import math
 from typing import Any
 
 import numpy as np
 
 from viscovib._native import ComplexArray, FloatArray
+from viscovib.systems.exact_products import Sliced
 
-#: Coordinates up to which extended precision takes less time than all else, of real modes and of
-#: complex ones.
-MOST_REFINED, MOST_COUPLED_REFINED = 100, 30
 #: Squares of frequencies closer together than this keep their digits.
 _ALIKE = 0.03
-#: Changes that are rounding, and changes too large for a step, as of modes that coincide.
-_SETTLED, _LARGE = 1e-13, 0.1
-_PASSES = 4
+#: Changes of which the square is rounding, and changes too large for a step.
+_SMALL, _LARGE = 1e-8, 0.1
+#: Part of values that products of modes with residuals leave by rounding.
+_ROUNDING = 4 * float(np.finfo(float).eps)
+#: How far from unit vectors those may be that take modes apart.
+_SKEW = 1e4
+_PASSES = 6
+#: Bits of numbers and of products with a mass, and how many more a stiffness may need.
+_BITS, _MASS_BITS, _MOST_MORE = 53, 64, 60
 
 
 def refined_modes(
     squares: FloatArray, shapes: FloatArray, mass: FloatArray, stiffness: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """Squares (m,) and shapes (n, m) of K r = omega^2 M r, symmetric, r^T M r = 1."""
-    if _enough(np.abs(squares), MOST_REFINED):
+    from scipy.linalg import eigh
+
+    bits = _bits_for(np.abs(squares))
+    if not bits:
         return squares, shapes
-    wide_mass, wide = mass.astype(np.longdouble), stiffness.astype(np.longdouble)
+    springs, masses = Sliced((stiffness + stiffness.T) / 2, bits), Sliced(mass, _MASS_BITS)
     for _ in range(_PASSES):
-        r = shapes.astype(np.longdouble)
-        moving = r.T @ (wide_mass @ r)
-        pulled = r.T @ (wide @ r)
-        values = np.diag(pulled) / np.diag(moving)
-        change, _ = _changes(values, moving, (pulled + pulled.T) / 2)
-        squares = np.asarray(values, dtype=float)
-        if np.abs(change).max() < _SETTLED:
+        moved = masses.times(shapes)
+        off = shapes.T @ np.asarray(springs.times(shapes) - moved * squares, dtype=float)
+        moving = shapes.T @ np.asarray(moved, dtype=float)
+        change, plain, groups = _changes(off, squares, np.arange(squares.size))
+        largest = float(np.abs(change).max())
+        better = squares + (np.diag(off) + (change * off).sum(axis=0)) / np.diag(moving)
+        # Of modes that coincide only what they are not normal by is taken away, half by each.
+        change[plain] = (np.eye(squares.size) - moving)[plain] / 2
+        turns = []
+        for group in groups:
+            own, middle = np.ix_(group, group), squares[group].mean()
+            block = off[own] + moving[own] * (squares[group] - middle)
+            found, turn = eigh((block + block.T) / 2, moving[own])
+            better[group], change[own] = middle + found, 0.0
+            turns.append((group, turn))
+        squares, shapes = better, shapes + shapes @ change
+        for group, turn in turns:
+            shapes[:, group] = shapes[:, group] @ turn
+        if largest < _SMALL and not groups:
             break
-        shapes = np.asarray(r + r @ change, dtype=float)
     order = np.argsort(squares, kind="stable")
     return squares[order], shapes[:, order]
 
@@ -53,53 +77,104 @@ def refined_poles(
 ) -> tuple[ComplexArray, ComplexArray, ComplexArray]:
     """Poles (p,), left and right (n, p) of (s^2 M + s C + K)^-1 = sum left right^T/(s - pole).
 
-    With z = (left, pole left) and w = (right, pole right), w^T A z = 1 and w^T B z = -pole:
+    As (1), with T(s) = s^2 M + s C + K and right_j^T T'(pole_j) left_j = 1:
 
-    A = [C, M; M, 0],  B = [K, 0; 0, -M].
+        N_ij = -right_i^T T(pole_j) left_j,    E_ij = N_ij/(pole_j - pole_i),                   (2)
+
+    left_j + sum_i left_i E_ij, and the other side likewise. Of conjugate poles, which follow each
+    other, one is refined.
     """
-    if _enough(np.abs(poles) ** 2, 2 * MOST_COUPLED_REFINED):
+    bits = _bits_for(np.abs(poles) ** 2)
+    if not bits:
         return poles, left, right
-    m, c, k = (x.astype(np.longdouble) for x in (mass, damping, stiffness))
+    pencil = _Pencil(mass, damping, stiffness, bits)
+    turned = pencil
+    if any((part != part.T).any() for part in (mass, damping, stiffness)):
+        turned = _Pencil(mass.T, damping.T, stiffness.T, bits)
+    kept = np.flatnonzero(poles.imag >= 0)
+    paired = kept[poles[kept].imag > 0]
+    own = kept, np.arange(kept.size)
     for _ in range(_PASSES):
-        p = poles.astype(np.clongdouble)
-        x, y = left.astype(np.clongdouble), right.astype(np.clongdouble)
-        of_mass, damped, pulled = (_product(y.T, _product(one, x)) for one in (m, c, k))
-        moving = damped + of_mass * p + p[:, np.newaxis] * of_mass
-        pulled = p[:, np.newaxis] * of_mass * p - pulled
-        values = np.diag(pulled) / np.diag(moving)
-        change, other = _changes(values, moving, pulled)
-        poles = np.asarray(values, dtype=complex)
-        if max(np.abs(change).max(), np.abs(other).max()) < _SETTLED:
+        p, x, y = poles[kept], left[:, kept], right[:, kept]
+        residual, slope, moved = pencil.of(p, x)
+        other_residual, _, _ = turned.of(p, y)
+        off, other = -(right.T @ residual), -(left.T @ other_residual)
+        change, _, groups = _changes(off, poles, kept)
+        back, _, _ = _changes(other, poles, kept)
+        largest = max(float(np.abs(change).max()), float(np.abs(back).max()))
+        size = (y * slope).sum(axis=0)
+        p = p + (off[own] + (change * other).sum(axis=0)) / size
+        change[own] = back[own] = (1 - size) / 2
+        turns = []
+        for group in groups:
+            rows, middle = np.ix_(kept[group], group), poles[kept[group]].mean()
+            apart = poles[kept[group]] - poles[kept[group], np.newaxis]
+            moving = y[:, group].T @ slope[:, group] - apart * (y[:, group].T @ moved[:, group])
+            block = off[rows] + moving * (poles[kept[group]] - middle)
+            found, turn = np.linalg.eig(np.linalg.solve(moving, block))
+            if np.linalg.cond(turn) > _SKEW:
+                continue
+            p[group], change[rows], back[rows] = middle + found, 0.0, 0.0
+            turns.append((group, turn, np.linalg.inv(moving @ turn).T))
+        x, y = x + left @ change, y + right @ back
+        for group, turn, returned in turns:
+            x[:, group], y[:, group] = x[:, group] @ turn, y[:, group] @ returned
+        poles, left, right = poles.copy(), left.copy(), right.copy()
+        for whole, part in ((left, x), (right, y), (poles, p)):
+            whole[..., kept] = part
+            whole[..., paired + 1] = whole[..., paired].conj()
+        if largest < _SMALL and not turns:
             break
-        left = np.asarray(x + _product(x, change), dtype=complex)
-        right = np.asarray(y + _product(y, other), dtype=complex)
     return poles, left, right
 
 
-def _product(a: Any, b: Any) -> Any:
-    """Of complex matrices by those of their parts, which take a tenth of the time."""
-    real, imaginary = np.ascontiguousarray(b.real), np.ascontiguousarray(b.imag)
-    if not np.iscomplexobj(a):
-        return a @ real + 1j * (a @ imaginary)
-    own, other = np.ascontiguousarray(a.real), np.ascontiguousarray(a.imag)
-    return own @ real - other @ imaginary + 1j * (own @ imaginary + other @ real)
+class _Pencil:
+    """T(s) = s^2 M + s C + K, ready to be multiplied."""
+
+    def __init__(
+        self, mass: FloatArray, damping: FloatArray, stiffness: FloatArray, bits: float
+    ) -> None:
+        self.parts = Sliced(mass, _MASS_BITS), Sliced(damping, bits), Sliced(stiffness, bits)
+
+    def of(self, p: ComplexArray, x: ComplexArray) -> tuple[ComplexArray, ...]:
+        """T(p_j) x_j, T'(p_j) x_j and M x_j, shape (n, m)."""
+        both = np.concatenate([x.real, x.imag], axis=1)
+        m, c, k = (a[:, : p.size] + 1j * a[:, p.size :] for a in self._products(both))
+        s = p.astype(np.clongdouble)
+        found = (m * s + c) * s + k, m * (2 * s) + c, m
+        return tuple(np.asarray(one, dtype=complex) for one in found)
+
+    def _products(self, x: FloatArray) -> list[Any]:
+        return [part.times(x) for part in self.parts]
 
 
-def _enough(squares: FloatArray, most: int) -> bool:
-    """Whether nothing is lost, or too much is to be done."""
+def _bits_for(squares: FloatArray) -> float:
+    """Bits that products with the stiffness need for the least squares; 0: nothing is lost."""
     sizes = squares[squares > 0]
-    return not sizes.size or squares.size > most or sizes.min() > _ALIKE * sizes.max()
+    if not sizes.size or sizes.min() > _ALIKE * sizes.max():
+        return 0
+    return _BITS + min(_MOST_MORE, math.log2(sizes.max() / sizes.min()))
 
 
-def _changes(values: Any, moving: Any, pulled: Any) -> tuple[Any, Any]:
-    """E and F that make (I + F)^T A (I + E) the unit matrix and keep B diagonal, to first order.
+def _changes(off: Any, values: Any, kept: Any) -> tuple[Any, Any, list[Any]]:
+    """E of what is left, off (n, m), of modes kept (m,) among those of values (n,).
 
-    Of modes that coincide only what they are not normal by is taken away, half by each.
+    And of which pairs it tells nothing, and which modes kept are to be taken apart together.
     """
-    missing = np.eye(values.size) - moving
-    apart = values - values[:, np.newaxis]
+    apart = values[kept] - values[:, np.newaxis]
     with np.errstate(divide="ignore", invalid="ignore"):
-        change = (pulled + values * missing) / apart
+        change = off / apart
     plain = ~(np.abs(change) < _LARGE)
-    change[plain] = missing[plain] / 2
-    return change, (missing - change).T
+    plain[kept, np.arange(kept.size)] = True
+    change[plain] = 0.0
+    sizes = np.maximum(np.abs(values), _ROUNDING * np.abs(values).max(initial=0.0))
+    lost = _ROUNDING * np.maximum(sizes[:, np.newaxis], sizes[kept])
+    near = (plain & (np.abs(off) > lost))[kept]
+    np.fill_diagonal(near, False)
+    if not near.any():
+        return change, plain, []
+    from scipy.sparse.csgraph import connected_components
+
+    count, names = connected_components(near, directed=False)
+    groups = [np.flatnonzero(names == name) for name in range(count)]
+    return change, plain, [group for group in groups if group.size > 1]

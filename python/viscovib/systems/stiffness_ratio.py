@@ -81,6 +81,7 @@ def warn_of_lost_modes(
     softest = np.where(taking, rates[:, np.newaxis], np.inf).min(axis=0)
     part = lost / np.maximum(found, _TINY)
     doubtful = (part > least) & ((part < _FREE) | (lost > _LOST * softest))
+    doubtful &= np.maximum(found, lost) > _NOTHING * rates[held].max(initial=0.0)
     if not doubtful.any():
         return
     worst = int(np.where(doubtful, part, 0).argmax())

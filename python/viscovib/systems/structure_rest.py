@@ -8,12 +8,7 @@ import numpy as np
 
 from viscovib._native import ComplexArray, FloatArray
 from viscovib.errors import InputError
-from viscovib.systems.refined_modes import (
-    MOST_COUPLED_REFINED,
-    MOST_REFINED,
-    refined_modes,
-    refined_poles,
-)
+from viscovib.systems.refined_modes import refined_modes, refined_poles
 from viscovib.systems.stiffness_ratio import (
     warn_of_lost_modes,
     warn_of_lost_poles,
@@ -24,9 +19,8 @@ from viscovib.systems.stiffness_ratio import (
 #: a frequency, what is left of a direction that depends on others.
 _OFF_DIAGONAL, _RIGID, _DEPENDENT = 1e-12, 1e-12, 1e-10
 _EPS = float(np.finfo(float).eps)
-#: How much a solver mixes two modes, of the largest square of a frequency over theirs, which
-#: counts for no less than a part of it.
-_MIXED, _SOFT = 16 * _EPS, 1e-8
+#: How much rounding mixes two modes.
+_MIXED = 16 * _EPS
 #: How far above all others the square of a frequency stands for what follows at once.
 _AT_ONCE = 1e10
 
@@ -114,7 +108,7 @@ def dense_rest(
             warn_of_lost_modes(squares, shapes, mass, stiffness)
         seen = shapes.T @ damping @ shapes
         rates = np.diag(seen).copy()
-        lost = _rounding_of(seen, squares, shapes, damping)
+        lost = _rounding_of(seen, shapes, damping)
         coupled = (np.abs(seen - np.diag(rates)) > lost).any()
         rates[np.abs(rates) <= np.diag(lost)] = 0.0
         losses = np.zeros(n)
@@ -214,22 +208,15 @@ def _symmetric(matrix: FloatArray) -> bool:
     return bool((np.abs(matrix - matrix.T) <= lost).all())
 
 
-def _rounding_of(
-    seen: FloatArray, squares: FloatArray, shapes: FloatArray, damping: FloatArray
-) -> FloatArray:
+def _rounding_of(seen: FloatArray, shapes: FloatArray, damping: FloatArray) -> FloatArray:
     """What rounding leaves of phi_i^T C phi_j, shape (m, m).
 
     That of the products, each next to its own terms: one strong damper says nothing of weak ones.
-    Where modes are not refined they are mixed besides, soft ones the more.
+    And that of shapes, which mixes two modes: what damps them alike does not couple them.
     """
-    size = np.abs(shapes)
+    size, rates = np.abs(shapes), np.abs(np.diag(seen))
     lost = _OFF_DIAGONAL * (size.T @ np.abs(damping) @ size)
-    if squares.size > MOST_REFINED:
-        rates, squares = np.abs(np.diag(seen)), np.abs(squares)
-        softness = np.maximum(squares[:, np.newaxis] + squares, _SOFT * squares.max())
-        mixed = _MIXED * squares.max() / np.maximum(softness, np.finfo(float).tiny)
-        lost += mixed * (rates[:, np.newaxis] + rates)
-    return np.asarray(lost)
+    return np.asarray(lost + _MIXED * (rates[:, np.newaxis] + rates))
 
 
 def _complex_rest(
@@ -265,10 +252,8 @@ def _complex_rest(
 
 
 def _fastest(poles: ComplexArray, springs: FloatArray) -> float:
-    """The rate next to which poles are rounding: of refined ones that of springs M^-1 K alone."""
+    """The rate next to which poles are rounding: that of springs M^-1 K alone."""
     fastest = float(np.abs(poles).max())
-    if poles.size > 2 * MOST_COUPLED_REFINED:
-        return fastest
     return max(math.sqrt(np.abs(springs).max()), _RIGID * fastest)
 
 
