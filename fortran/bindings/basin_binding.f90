@@ -2,19 +2,19 @@
 
 !> Which orbits the last points of motions repeat, see viscovib_basin_rules; ended(i) /= 0: motion i
 !! reached its end. Orbits are shown by motions counted from 0.
-subroutine basin_orbits(starts, points, ended, width, n_points, n, most, near, fastest, scale, &
+subroutine basin_orbits(largest, points, ended, width, n_points, n, most, near, fastest, scale, &
                         labels, periods, moved, shown, n_orbits)
   use, intrinsic :: iso_c_binding, only: c_double, c_int
   use viscovib_basin_rules, only: find_orbits
   implicit none
   integer(c_int), intent(in) :: width, n_points, n, ended(n), most
-  real(c_double), intent(in) :: starts(width, n), points(width, n_points, n), near, fastest
+  real(c_double), intent(in) :: largest(width), points(width, n_points, n), near, fastest
   real(c_double), intent(out) :: scale(width), moved(n)
   integer(c_int), intent(out) :: labels(n), periods(n), shown(n), n_orbits
   !f2py threadsafe
   shown = 0
-  call find_orbits(starts, points, ended /= 0, most, near, fastest, scale, labels, periods, moved, &
-                   shown, n_orbits)
+  call find_orbits(largest, points, ended /= 0, most, near, fastest, scale, labels, periods, &
+                   moved, shown, n_orbits)
   shown = shown - 1
 end subroutine basin_orbits
 

@@ -1,5 +1,6 @@
-!> Basins of attraction: what motions of a pendulum or of a polynomial system without memory, from a
-!! grid of starts, settle on.
+!> Basins of attraction: what motions of any system, from a grid of starts, settle on. A start is a
+!! state at t = 0 before which nothing was: where forces remember, it is not the whole state, and so
+!! starts are compared, not states on orbits.
 module viscovib_basins_job
   use viscovib_basin_rules, only: disturbances, find_orbits, has_left, judge_orbit, n_disturbed, &
     unsettled
@@ -9,10 +10,11 @@ module viscovib_basins_job
   use viscovib_lanes, only: n_lanes
   use viscovib_many_motions, only: many_motions
   use viscovib_many_runs, only: many_runs
-  use viscovib_polynomial_motion, only: new_polynomial_motion, polynomial_motion_type
   use viscovib_simulate, only: run_completed, run_names
+  use viscovib_single_motions, only: make_singles, step_of_singles
   use viscovib_status, only: fail, set_ok, show, status_input_error, status_type, things
   use viscovib_subject, only: name_length, subject_type
+  use viscovib_subject_motion, only: fastest_of
   use viscovib_table, only: table_type
   implicit none
   private
@@ -51,7 +53,6 @@ module viscovib_basins_job
     procedure, private :: starts
     procedure, private :: find_step
     procedure, private :: make
-    procedure, private :: fastest_of
   end type basins_job
 
   !> What was found: of each start, and of each attractor.
@@ -83,7 +84,12 @@ contains
     text = 'computes: '//things(size(self%x)*size(self%y), 'motion')//', '//trim(self%names(1)) &
            //' = '//show(self%x(1))//' to '//show(self%x(size(self%x)))//', ' &
            //trim(self%names(2))//' = '//show(self%y(1))//' to '//show(self%y(size(self%y))) &
-           //', '//show(n_lanes)//' side by side'//new_line('a')
+           //', '
+    if (subject%goes_side_by_side()) then
+      text = text//show(n_lanes)//' side by side'//new_line('a')
+    else
+      text = text//'one after another'//new_line('a')
+    end if
     if (self%dt > 0.0_wp) then
       text = text//'skips: search for the step (it is given)'//new_line('a')
     else
@@ -107,25 +113,28 @@ contains
     type(job_report), intent(out) :: report
     type(status_type), intent(out) :: status
     type(basins_type) :: found
-    real(wp), allocatable :: states(:, :), points(:, :, :), scale(:)
+    real(wp), allocatable :: states(:, :), points(:, :, :), scale(:), largest(:)
     integer, allocatable :: periods(:), shown(:)
     logical, allocatable :: good(:)
     real(wp) :: dt, fastest
     integer :: n, n_orbits, most
 
     call self%starts(size(subject%coordinates), states)
-    call self%fastest_of(subject, fastest, status)
+    call fastest_of(subject, self%nu, fastest, status)
     if (status%failed()) return
+    fastest = max(fastest, self%nu)
     dt = self%dt
     if (.not. dt > 0.0_wp) call self%find_step(subject, states, fastest, dt, status)
     if (.not. status%failed()) call self%make(subject, states, dt, points, found, status)
+    if (.not. status%failed()) call find_largest(self, subject, states, dt, largest, status)
     if (status%failed()) return
     n = size(states, 2)
     allocate (found%labels(n), found%moved(n), periods(n), shown(n), scale(size(states, 1)))
     most = merge(self%max_period, 1, self%sections > 0)
-    call find_orbits(states, points, found%ended == run_completed, most, self%tolerance, fastest, &
+    call find_orbits(largest, points, found%ended == run_completed, most, self%tolerance, fastest, &
                      scale, found%labels, periods, found%moved, shown, n_orbits)
-    call judge_all(self, subject, points, shown(:n_orbits), periods, scale, dt, found, good, status)
+    call judge_all(self, subject, states, points, shown(:n_orbits), periods, scale, dt, found, &
+                   good, status)
     if (.not. status%failed()) call put_tables(self, subject, states, found, sink, status)
     if (status%failed()) return
     report%complete = all(found%labels >= 0)
@@ -153,26 +162,6 @@ contains
     end do
   end subroutine starts
 
-  !> Frequency of the fastest linear motion, or of a load.
-  subroutine fastest_of(self, subject, fastest, status)
-    class(basins_job), intent(in) :: self
-    type(subject_type), intent(in) :: subject
-    real(wp), intent(out) :: fastest
-    type(status_type), intent(out) :: status
-    type(polynomial_motion_type) :: motion
-    real(wp) :: omega(3), shapes(3, 3)
-
-    call set_ok(status)
-    if (subject%is_pendulum) then
-      call subject%pendulum%natural_modes(omega, shapes)
-      fastest = max(maxval(omega), maxval(subject%pendulum%drives))
-    else
-      call new_polynomial_motion(motion, subject%polynomial, subject%load, 0.0_wp, status)
-      fastest = 0.0_wp
-      if (.not. status%failed()) fastest = max(motion%fastest(), self%nu)
-    end if
-  end subroutine fastest_of
-
   !> The step that follows some of the motions over three periods of the fastest linear one.
   subroutine find_step(self, subject, states, fastest, dt, status)
     class(basins_job), intent(in) :: self
@@ -186,6 +175,7 @@ contains
     integer(i8) :: n
     logical :: met
 
+    met = .false.
     dt = 0.0_wp
     if (.not. fastest > 0.0_wp) then
       call fail(status, status_input_error, 'dt', 'dt: the system has no linear period, must be ' &
@@ -193,22 +183,36 @@ contains
       return
     end if
     span = probed_periods*2.0_wp*pi/fastest
-    runs%subject => subject
-    runs%nu = self%nu
     runs%starts = states(:, ::max(1, size(states, 2)/n_probes))
-    call runs%lay_out(span, of_all, status)
-    if (status%failed()) return
-    n = max(ceiling(span*of_all/(0.5_wp*pi), i8), 1_i8)
-    call runs%refine(n, 0.0_wp, probed, many, change, met, status)
-    if (status%failed()) return
-    if (.not. met) then
-      call fail(status, status_input_error, 'dt', 'dt: none follows the first periods of some of ' &
-                //'the motions to '//show(probed)//' (with '//show(real(n, wp))//' steps), must ' &
-                //'be given')
-      return
+    if (.not. subject%goes_side_by_side()) then
+      call step_of_singles(subject, self%nu, runs%starts, span, probed, dt, status)
+      if (status%failed()) call tell_step(show(probed), status)
+      if (status%failed()) return
+    else
+      runs%subject => subject
+      runs%nu = self%nu
+      call runs%lay_out(span, of_all, status)
+      if (status%failed()) return
+      n = max(ceiling(span*of_all/(0.5_wp*pi), i8), 1_i8)
+      call runs%refine(n, 0.0_wp, probed, many, change, met, status)
+      if (status%failed()) return
+      if (.not. met) then
+        call tell_step(show(probed)//' (with '//show(real(n, wp))//' steps)', status)
+        return
+      end if
+      dt = span/n
     end if
-    dt = span/n
     if (self%sections == 0) dt = min(dt, self%t_end)
+
+  contains
+
+    subroutine tell_step(how, status)
+      character(len=*), intent(in) :: how
+      type(status_type), intent(out) :: status
+      call fail(status, status_input_error, 'dt', 'dt: none follows the first periods of some of ' &
+                //'the motions to '//how//', must be given')
+    end subroutine tell_step
+
   end subroutine find_step
 
   !> All motions, and the last points of each.
@@ -222,25 +226,67 @@ contains
     type(many_motions) :: many, more
     integer(i8) :: n_more
 
-    call make_some(self, subject, states, self%t_end, dt, 2*self%max_period, many, found%n_steps, &
-                   status)
+    call make_some(self, subject, states, self%t_end, dt, 2*self%max_period, many, &
+                   found%n_steps, status)
     if (status%failed()) return
     found%ended = many%ended
     if (self%sections > 0) then
       call move_alloc(many%sections, points)
       return
     end if
-    ! Of a short run a tenth may be less than a step.
-    call make_some(self, subject, many%state, again*self%t_end, &
-                   min(self%t_end/found%n_steps, again*self%t_end), 0, more, n_more, status)
+    if (subject%has_kernels()) then
+      ! What it remembers is not in its state.
+      call make_some(self, subject, states, (1.0_wp + again)*self%t_end, dt, 0, more, n_more, &
+                     status)
+    else
+      ! Of a short run a tenth may be less than a step.
+      call make_some(self, subject, many%state, again*self%t_end, &
+                     min(self%t_end/found%n_steps, again*self%t_end), 0, more, n_more, status)
+    end if
     if (status%failed()) return
+    ! One that leaves within that has no state to be looked at.
+    where (found%ended == run_completed) found%ended = more%ended
     allocate (points(size(states, 1), 2, size(states, 2)))
     points(:, 1, :) = many%state
     points(:, 2, :) = more%state
   end subroutine make
 
+  !> The largest of each number of a state in all starts, and in motions from some of them: what
+  !! starts and ends at 0 may be far from it on the way.
+  subroutine find_largest(self, subject, states, dt, largest, status)
+    type(basins_job), intent(in) :: self
+    type(subject_type), intent(in), target :: subject
+    real(wp), intent(in) :: states(:, :), dt
+    real(wp), allocatable, intent(out) :: largest(:)
+    type(status_type), intent(out) :: status
+    type(basins_job) :: whole
+    type(many_motions) :: many
+    integer(i8) :: n
+    integer :: i
+
+    largest = maxval(abs(states), 2)
+    ! From the start on, whatever is kept of others.
+    whole = self
+    whole%sections = 0
+    whole%n_periods = 0
+    if (self%sections > 0) then
+      if (subject%is_pendulum) then
+        whole%t_end = subject%pendulum%parameters%frequency(self%sections)
+      else
+        whole%t_end = self%nu
+      end if
+      whole%t_end = self%n_periods*2.0_wp*pi/whole%t_end
+    end if
+    call make_some(whole, subject, states(:, ::max(1, size(states, 2)/n_probes)), whole%t_end, &
+                   dt, 0, many, n, status, peaks=.true.)
+    if (status%failed()) return
+    do i = 1, size(many%ended)
+      if (many%ended(i) == run_completed) largest = max(largest, many%peak(:, i))
+    end do
+  end subroutine find_largest
+
   !> Motions from some states, and of how many steps each is.
-  subroutine make_some(self, subject, states, t_end, dt, n_points, many, n, status)
+  subroutine make_some(self, subject, states, t_end, dt, n_points, many, n, status, peaks)
     type(basins_job), intent(in) :: self
     type(subject_type), intent(in), target :: subject
     real(wp), intent(in) :: states(:, :), t_end, dt
@@ -249,30 +295,48 @@ contains
     type(many_motions), intent(out) :: many
     integer(i8), intent(out) :: n
     type(status_type), intent(out) :: status
+    !> Whether the largest of each number on the way are wanted.
+    logical, intent(in), optional :: peaks
     type(many_runs) :: runs
     real(wp) :: of_all
+    integer :: kept
 
     n = 0
-    runs%subject => subject
-    runs%nu = self%nu
+    if (present(peaks)) runs%moments = peaks
+    call set_ok(status)
     runs%starts = states
+    runs%nu = self%nu
     runs%sections = self%sections
     runs%n_periods = self%n_periods
-    runs%periods_before = self%n_periods - n_points
-    call runs%lay_out(t_end, of_all, status)
+    runs%periods_before = runs%n_periods - n_points
+    if (subject%goes_side_by_side()) then
+      runs%subject => subject
+      call runs%lay_out(t_end, of_all, status)
+    else
+      runs%spans = [t_end]
+      if (self%sections > 0) runs%spans = runs%n_periods*2.0_wp*pi/[self%nu]
+    end if
     if (.not. status%failed() .and. dt > runs%spans(1)) then
       call fail(status, status_input_error, 'dt', 'dt = '//show(dt)//': must not exceed the ' &
                 //'length of the runs, '//show(runs%spans(1)))
     end if
     if (.not. status%failed()) call runs%steps_of(dt, n, status)
-    if (.not. status%failed()) call runs%make(n, many, status)
+    if (status%failed()) return
+    if (subject%goes_side_by_side()) then
+      call runs%make(n, many, status)
+    else
+      kept = merge(n_points, 0, self%sections > 0)
+      call make_singles(subject, self%nu, states, runs%spans(1), n, runs%n_periods, kept, &
+                        runs%moments, many, status)
+    end if
   end subroutine make_some
 
   !> Leave out orbits that do not attract: what settles on them has not settled.
-  subroutine judge_all(self, subject, points, shown, periods, scale, dt, found, good, status)
+  subroutine judge_all(self, subject, states, points, shown, periods, scale, dt, found, good, &
+                       status)
     class(basins_job), intent(in) :: self
     type(subject_type), intent(in), target :: subject
-    real(wp), intent(in) :: points(:, :, :), scale(:), dt
+    real(wp), intent(in) :: states(:, :), points(:, :, :), scale(:), dt
     !> Motions that show the orbits, and the period of each motion.
     integer, intent(in) :: shown(:), periods(:)
     type(basins_type), intent(inout) :: found
@@ -280,7 +344,8 @@ contains
     type(status_type), intent(out) :: status
     type(many_motions) :: many
     real(wp) :: pushes(size(scale), n_disturbed), rest(size(shown))
-    real(wp), allocatable :: beside(:, :)
+    real(wp), allocatable :: beside(:, :), places(:, :)
+    logical :: by_starts
     integer :: new(has_left:size(shown) - 1), i, j, n
     integer(i8) :: n_steps
 
@@ -288,9 +353,15 @@ contains
     allocate (good(size(shown)), beside(size(scale), n_disturbed*size(shown)))
     n = size(points, 2)
     call disturbances(self%tolerance, pushes)
+    by_starts = subject%has_kernels()
+    if (by_starts) then
+      places = states(:, shown)
+    else
+      places = points(:, n, shown)
+    end if
     do i = 1, size(shown)
       do j = 1, n_disturbed
-        beside(:, (i - 1)*n_disturbed + j) = points(:, n, shown(i)) + pushes(:, j)*scale
+        beside(:, (i - 1)*n_disturbed + j) = places(:, i) + pushes(:, j)*scale
       end do
     end do
     if (size(shown) > 0) then
@@ -305,7 +376,7 @@ contains
       call judge_orbit(many%state(:, j + 1:j + n_disturbed), &
                        many%ended(j + 1:j + n_disturbed) == run_completed, &
                        points(:, size(points, 2) - periods(shown(i)) + 1:, shown(i)), scale, &
-                       self%tolerance, .false., .false., good(i), rest(i))
+                       self%tolerance, by_starts, by_starts, good(i), rest(i))
       if (.not. good(i)) cycle
       new(i - 1) = n
       n = n + 1

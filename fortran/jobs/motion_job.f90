@@ -5,24 +5,19 @@ module viscovib_motion_job
   use viscovib_fourier, only: check_length
   use viscovib_constants, only: pi
   use viscovib_counters, only: count_up, counted_columns, counting
-  use viscovib_dense, only: factorize, solve
-  use viscovib_hereditary_job, only: hereditary_job, hereditary_methods, plan_hereditary, &
-    run_hereditary_job
+  use viscovib_hereditary_job, only: hereditary_job, plan_hereditary
   use viscovib_job, only: job_report, job_type, plan_unwanted, table_sink
   use viscovib_kinds, only: wp
   use viscovib_law_end, only: told_law_end
-  use viscovib_method_catalogue, only: transient_methods
   use viscovib_number_text, only: exact
-  use viscovib_oscillator, only: oscillator_type
-  use viscovib_pendulum_job, only: plan_pendulum, run_pendulum_job
+  use viscovib_pendulum_job, only: plan_pendulum
   use viscovib_polar, only: argument, modulus
-  use viscovib_polynomial_job, only: plan_polynomial, run_polynomial_job
-  use viscovib_fitted_motion, only: new_fitted_motion
-  use viscovib_polynomial_motion, only: polynomial_motion_type
+  use viscovib_polynomial_job, only: plan_polynomial
   use viscovib_simulate, only: run_coarse, run_completed, run_diverged, run_event, run_names
   use viscovib_status, only: set_ok, show, status_type, things
-  use viscovib_structure_job, only: plan_structure, run_structure_job
+  use viscovib_structure_job, only: plan_structure
   use viscovib_subject, only: subject_type
+  use viscovib_subject_motion, only: method_of, move_subject
   use viscovib_table, only: listed_units, table_type
   use viscovib_transient_job, only: trajectory_type, transient_job
   use viscovib_watch, only: coordinates_read
@@ -120,7 +115,8 @@ contains
     character(len=:), allocatable :: folded, method
     integer :: kept
 
-    call move(self, subject, trajectory, method, status)
+    method = method_of(self%motion)
+    call move_subject(self%motion, subject, self%nu, places(self), trajectory, status)
     if (status%failed()) return
     kept = 2
     if (self%spectrum%wanted) then
@@ -237,46 +233,6 @@ contains
     end if
   end function law_end
 
-  !> Integrate.
-  subroutine move(self, subject, trajectory, method, status)
-    class(motion_job), intent(in) :: self
-    type(subject_type), intent(in), target :: subject
-    type(trajectory_type), intent(out) :: trajectory
-    character(len=:), allocatable, intent(out) :: method
-    type(status_type), intent(out) :: status
-    type(polynomial_motion_type) :: own
-    real(wp) :: omega(3), shapes(3, 3)
-
-    associate (motion => self%motion)
-      select type (motion)
-      type is (hereditary_job)
-        method = trim(hereditary_methods(motion%method))
-        if (subject%is_structure) then
-          call run_structure_job(motion, subject%model, subject%structure, places(self), &
-                                 trajectory, status)
-        else
-          call run_hereditary_job(motion, subject%oscillator(), subject%load, &
-                                  fastest_frequency(subject), trajectory, status)
-        end if
-      type is (transient_job)
-        method = trim(transient_methods(motion%method))
-        if (subject%is_pendulum) then
-          call subject%pendulum%natural_modes(omega, shapes)
-          call run_pendulum_job(motion, subject%pendulum, &
-                                max(maxval(omega), maxval(subject%pendulum%drives)), trajectory, &
-                                status)
-        else
-          ! Rates are those of coordinates, whatever sums stand for kernels.
-          call new_fitted_motion(own, subject%polynomial, subject%load, self%nu, 1.0_wp, 1.0_wp, &
-                                 status)
-          if (status%failed()) return
-          call run_polynomial_job(motion, subject%polynomial, subject%load, self%nu, &
-                                  own%fastest(), trajectory, status)
-        end if
-      end select
-    end associate
-  end subroutine move
-
   !> Coordinates that tables hold, and spectra, and that events read.
   pure function places(self)
     class(motion_job), intent(in) :: self
@@ -300,41 +256,6 @@ contains
       if (.not. any(union == others(i))) union = [union, others(i)]
     end do
   end function union
-
-  !> Fastest natural frequency of a mount, or an upper bound of the rates of a polynomial
-  !! system.
-  real(wp) function fastest_frequency(subject) result(fastest)
-    type(subject_type), intent(in), target :: subject
-    real(wp) :: omega(2), shapes(2, 2)
-
-    if (subject%is_turning) then
-      fastest = largest_rate(subject%turning, subject%turning%n_dof())
-    else if (subject%is_polynomial) then
-      fastest = largest_rate(subject%polynomial, subject%polynomial%n_dof())
-    else
-      call subject%mount%natural_modes(omega, shapes)
-      fastest = omega(2)
-    end if
-  end function fastest_frequency
-
-  !> Largest sums along a row of M^-1 K, its root, and of M^-1 C.
-  real(wp) function largest_rate(system, n)
-    class(oscillator_type), intent(in) :: system
-    integer, intent(in) :: n
-    real(wp) :: mass(n, n), pull(n, n), drag(n, n)
-    integer :: pivots(n), k
-    logical :: singular
-
-    mass = system%mass
-    pull = matmul(system%spread, system%gather)
-    drag = system%damping
-    call factorize(n, mass, pivots, singular)
-    do k = 1, n
-      call solve(n, mass, pivots, pull(:, k))
-      call solve(n, mass, pivots, drag(:, k))
-    end do
-    largest_rate = sqrt(maxval(sum(abs(pull), 2))) + maxval(sum(abs(drag), 2))
-  end function largest_rate
 
   !> A row a time.
   subroutine put_motion(self, subject, trajectory, method, sink, status)

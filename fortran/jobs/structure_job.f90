@@ -20,7 +20,7 @@ module viscovib_structure_job
   implicit none
   private
 
-  public :: run_structure_job, plan_structure
+  public :: run_structure_job, plan_structure, rate_of_structure
 
   !> Runs whose state are the modes.
   type, extends(hereditary_runs) :: structure_runs
@@ -208,12 +208,31 @@ contains
     end if
   end function inertia_of
 
-  !> Steps to begin with. Modes need none: so many a period of the loads, and of the frequency at
-  !! which what is seen of the modes is as stiff as it is heavy.
+  !> The frequency that tells first steps (rad/s), with all coordinates kept.
+  real(wp) function rate_of_structure(model, system, nu) result(fastest)
+    type(structure_model), intent(in) :: model
+    type(structure_type), intent(in) :: system
+    real(wp), intent(in) :: nu
+    type(structure_runs) :: maker
+    type(hereditary_job) :: job
+    integer :: i
+    job%nu = nu
+    call set_sections(maker, job, model, system, [(i, i=1, size(model%base_direction))])
+    fastest = rate_seen(maker)
+  end function rate_of_structure
+
+  !> Steps to begin with.
   real(wp) function first_steps(maker, job) result(n)
     type(structure_runs), intent(in) :: maker
     type(hereditary_job), intent(in) :: job
-    real(wp) :: soft, heavy, fastest
+    n = max(4.0_wp, job%t_end*rate_seen(maker)*per_period(job%method)/(2.0_wp*pi))
+  end function first_steps
+
+  !> Modes need no steps: so many a period of the loads, and of the frequency at which what is seen
+  !! of the modes is as stiff as it is heavy.
+  real(wp) function rate_seen(maker) result(fastest)
+    type(structure_runs), intent(in) :: maker
+    real(wp) :: soft, heavy
 
     soft = 0.0_wp
     heavy = 0.0_wp
@@ -221,7 +240,6 @@ contains
     call add(maker%sections%seen, maker%sections%others%left)
     fastest = maxval([maker%sections%frequencies, 0.0_wp])
     if (soft > 0.0_wp) fastest = max(fastest, sqrt(heavy/soft))
-    n = max(4.0_wp, job%t_end*fastest*per_period(job%method)/(2.0_wp*pi))
 
   contains
 
@@ -240,7 +258,7 @@ contains
       end do
     end subroutine add
 
-  end function first_steps
+  end function rate_seen
 
   subroutine start(self, job, base, past, h, solved, run, reason, shortest)
     class(structure_runs), intent(in) :: self

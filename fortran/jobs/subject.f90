@@ -2,6 +2,7 @@
 module viscovib_subject
   use viscovib_kernel_holder, only: kernel_holder
   use viscovib_kinds, only: wp
+  use viscovib_lanes, only: max_dof
   use viscovib_load, only: load_type
   use viscovib_mount, only: mount_type
   use viscovib_mounted_body, only: mounted_body
@@ -54,6 +55,8 @@ module viscovib_subject
     procedure :: oscillator
     procedure :: base_direction
     procedure :: remembers
+    procedure :: has_kernels
+    procedure :: goes_side_by_side
     procedure :: warnings
     procedure :: told
     procedure :: show_motions
@@ -102,6 +105,29 @@ contains
                                         .or. self%polynomial%n_silent > 0
     remembers = remembers .and. .not. self%goes_whole
   end function remembers
+
+  !> Whether any force remembers by a kernel, whatever stands for it in time.
+  logical function has_kernels(self)
+    class(subject_type), intent(in), target :: self
+    class(oscillator_type), pointer :: system
+    has_kernels = .false.
+    if (self%is_pendulum) return
+    system => self%oscillator()
+    has_kernels = any(system%kernel_of > 0)
+  end function has_kernels
+
+  !> Whether motions of it go side by side.
+  pure logical function goes_side_by_side(self) result(goes)
+    class(subject_type), intent(in) :: self
+    integer :: i
+    goes = self%is_pendulum
+    if (goes .or. self%is_structure .or. self%is_turning .or. self%goes_whole) return
+    goes = self%is_polynomial .and. .not. self%remembers() .and. size(self%coordinates) <= max_dof
+    if (.not. goes) return
+    do i = 1, size(self%polynomial%laws)
+      if (self%polynomial%laws(i)%program%n_surfaces() > 0) goes = .false.
+    end do
+  end function goes_side_by_side
 
   !> What was condensed, a line of a plan; nothing where nothing was.
   function told(self) result(text)

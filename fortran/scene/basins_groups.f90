@@ -1,7 +1,6 @@
 !> The &basins group of a scene.
 module viscovib_basins_groups
   use viscovib_basins_job, only: basins_job, length
-  use viscovib_ensemble_groups, only: goes_side_by_side
   use viscovib_grids, only: linear_grid
   use viscovib_group_reader, only: group_reader
   use viscovib_kinds, only: wp
@@ -15,6 +14,8 @@ module viscovib_basins_groups
 
   public :: read_basins
 
+  !> Coordinates of which all are kept.
+  integer, parameter :: most_coordinates = 64
   integer, parameter :: most_starts = 1000000, most_periods = 100000000, longest_period = 1000
 
 contains
@@ -25,12 +26,7 @@ contains
     type(basins_job), intent(out) :: job
     real(wp) :: nothing(2*size(subject%coordinates))
 
-    if (.not. goes_side_by_side(subject)) then
-      call reader%complain('basins', '&basins: is for &pendulum and for &system without kernels, ' &
-                           //'of at most 6 coordinates, with smooth laws; others by Python ' &
-                           //'(vv.basins)')
-      return
-    end if
+    call check_subject(reader, subject)
     call read_starts(reader, subject, job)
     if (reader%status%failed()) return
     nothing = 0.0_wp
@@ -51,6 +47,28 @@ contains
     end if
     if (subject%is_pendulum) call check_springs(reader, job)
   end subroutine read_basins
+
+  !> What has no map of basins.
+  subroutine check_subject(reader, subject)
+    type(group_reader), intent(inout) :: reader
+    type(subject_type), intent(in) :: subject
+
+    if (size(subject%coordinates) > most_coordinates) then
+      call reader%complain('basins', '&basins: takes at most '//show(most_coordinates) &
+                           //' coordinates, here are '//show(size(subject%coordinates)))
+    else if (subject%is_turning) then
+      call reader%complain('basins', "&basins: of a &body with geometry = 'exact' it is not " &
+                           //"computed, must be 'small'")
+    else if (subject%is_structure) then
+      if (abs(subject%model%modal%loss) > 0.0_wp) then
+        call reader%complain('basins', '&basins: loss_factor has no meaning in time, must be 0 ' &
+                             //'(take a kernel, or modal_damping)')
+      else if (subject%model%is_reduced) then
+        call reader%complain('basins', '&basins: the coordinates of a structure with shapes do ' &
+                             //'not tell its state, must be without')
+      end if
+    end if
+  end subroutine check_subject
 
   !> Which two numbers of the state vary, and their values.
   subroutine read_starts(reader, subject, job)

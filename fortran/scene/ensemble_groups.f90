@@ -17,7 +17,7 @@ module viscovib_ensemble_groups
   implicit none
   private
 
-  public :: read_ensemble, goes_side_by_side
+  public :: read_ensemble
 
   integer, parameter :: most_values = 1000000, most_periods = 100000000
   real(wp), parameter :: least_tolerance = 1.0e-13_wp
@@ -33,7 +33,7 @@ contains
     real(wp) :: from, to
     integer :: count_of, place
 
-    if (.not. goes_side_by_side(subject)) then
+    if (.not. subject%goes_side_by_side()) then
       call reader%complain('ensemble', '&ensemble: is for &pendulum and for &system without ' &
                            //'kernels, of at most 6 coordinates (3 with lyapunov), with smooth ' &
                            //'laws; others by Python (vv.simulate_ensemble)')
@@ -81,20 +81,6 @@ contains
                            //show(size(subject%coordinates)))
     end if
   end subroutine read_ensemble
-
-  !> Whether motions of a system go side by side.
-  pure logical function goes_side_by_side(subject) result(goes)
-    type(subject_type), intent(in) :: subject
-    integer :: i
-    goes = subject%is_pendulum
-    if (goes .or. subject%is_structure .or. subject%is_turning) return
-    goes = subject%is_polynomial .and. .not. subject%remembers() &
-           .and. size(subject%coordinates) <= 6
-    if (.not. goes) return
-    do i = 1, size(subject%polynomial%laws)
-      if (subject%polynomial%laws(i)%program%n_surfaces() > 0) goes = .false.
-    end do
-  end function goes_side_by_side
 
   !> What varies of a system: one of its numbers, or a parameter of its laws.
   subroutine read_varied(reader, file, job)

@@ -20,7 +20,7 @@ module viscovib_scene
   use viscovib_namelist, only: group_type, lower, namelist_type, read_namelist
   use viscovib_pendulum_groups, only: read_pendulum
   use viscovib_polynomial, only: polynomial_type
-  use viscovib_scene_groups, only: check_groups, find_result, place_of
+  use viscovib_scene_groups, only: check_groups, find_result, place_of, place_of_motion
   use viscovib_scene_results, only: read_result
   use viscovib_status, only: fail, show, status_input_error, status_type
   use viscovib_stiffness_ratio, only: hidden_springs
@@ -137,7 +137,7 @@ contains
       end if
       return
     end if
-    call put_load(subject%model, load, place_of(file, 'transient') <= size(file%groups), &
+    call put_load(subject%model, load, place_of_motion(file) <= size(file%groups), &
                   subject%structure, subject%load, status)
     if (.not. status%failed()) call go_whole(file, load, subject, status)
     if (status%failed()) status%message = file%path//': '//status%message
@@ -151,7 +151,7 @@ contains
     type(subject_type), intent(inout) :: subject
     type(status_type), intent(inout) :: status
 
-    if (place_of(file, 'transient') > size(file%groups)) return
+    if (place_of_motion(file) > size(file%groups)) return
     if (.not. switches(subject%model)) return
     call whole_polynomial(subject%model, subject%structure%kernels, subject%polynomial, status)
     if (status%failed()) return
@@ -169,7 +169,7 @@ contains
     type(load_type), intent(in) :: load
     integer :: i
     may = .false.
-    if (place_of(file, 'transient') > size(file%groups) .or. load%moves_base()) return
+    if (place_of_motion(file) > size(file%groups) .or. load%moves_base()) return
     if (system%n_dof() > max_dof .or. .not. any(system%kernel_of > 0)) return
     if (.not. any([(any(branches(system%laws(i)%program%code)), i=1, size(system%laws))])) return
     may = fits_sections(file, system)
@@ -185,7 +185,7 @@ contains
     fits = .false.
     n_hidden = bound_hidden(system)
     if (n_hidden < 0 .or. system%n_dof() + n_hidden > most_in_frame) return
-    associate (group => file%groups(place_of(file, 'transient')))
+    associate (group => file%groups(place_of_motion(file)))
       if (group%find('held') > 0) return
       place = group%find('memory')
       if (place > 0) then

@@ -7,7 +7,7 @@ module viscovib_scene_groups
   implicit none
   private
 
-  public :: check_groups, place_of, find_result
+  public :: check_groups, place_of, place_of_motion, find_result
 
   !> What a scene may ask for, each by the name of its group, and what it goes with.
   type :: result_name
@@ -34,8 +34,8 @@ module viscovib_scene_groups
                                  repeatable(9) = &
     [character(len=15) :: 'kernel', 'load', 'spring', 'force', 'element', 'layer', 'mount_point', &
      'event', 'sweep'], &
-                                 of_structures(5) = &
-    [character(len=15) :: 'response', 'branch', 'backbone', 'modes', 'transient']
+                                 of_structures(6) = &
+    [character(len=15) :: 'response', 'branch', 'backbone', 'modes', 'transient', 'basins']
 
 contains
 
@@ -152,6 +152,12 @@ contains
       call refuse_lack(file, 'load', status)
     end if
   end subroutine check_results
+
+  !> The place of the group that wants motions in time, one more than there are: none does.
+  pure integer function place_of_motion(file) result(place)
+    type(namelist_type), intent(in) :: file
+    place = min(place_of(file, 'transient'), place_of(file, 'basins'))
+  end function place_of_motion
 
   !> The place of the group of the result, of which there is one.
   pure integer function find_result(file)

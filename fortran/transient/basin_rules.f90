@@ -31,10 +31,11 @@ module viscovib_basin_rules
 contains
 
   !> Label motions by the orbits that their last points repeat, those with more starts first.
-  subroutine find_orbits(starts, points, ended, most, near, fastest, scale, labels, periods, &
+  subroutine find_orbits(largest, points, ended, most, near, fastest, scale, labels, periods, &
                          moved, shown, n_orbits)
-    !> States, a column a motion; last points of each, shape (width, n_points, n).
-    real(wp), intent(in) :: starts(:, :), points(:, :, :)
+    !> The largest of each number of a state in starts and on the way; last points of each motion,
+    !! shape (width, n_points, n).
+    real(wp), intent(in) :: largest(:), points(:, :, :)
     !> Whether a motion reached its end.
     logical, intent(in) :: ended(:)
     !> The longest period looked for; how near states are that count as the same, of the scale.
@@ -53,7 +54,7 @@ contains
     real(wp) :: last(size(scale), size(points, 2)), apart
     integer :: i, n, p
 
-    call find_scale(starts, points, ended, fastest, scale)
+    call find_scale(largest, points, ended, fastest, scale)
     n = size(points, 2)
     labels = merge(unsettled, has_left, ended)
     periods = 0
@@ -79,15 +80,14 @@ contains
     call by_size(labels, shown, n_orbits)
   end subroutine find_orbits
 
-  !> The largest of each number of a state, in starts and at ends; starts at rest that end at rest
-  !! tell by displacements what counts as slow.
-  subroutine find_scale(starts, points, ended, fastest, scale)
-    real(wp), intent(in) :: starts(:, :), points(:, :, :), fastest
+  !> The largest of each number of a state, at ends too; displacements tell what counts as slow.
+  subroutine find_scale(largest, points, ended, fastest, scale)
+    real(wp), intent(in) :: largest(:), points(:, :, :), fastest
     logical, intent(in) :: ended(:)
     real(wp), intent(out) :: scale(:)
     integer :: i
 
-    scale = maxval(abs(starts), 2)
+    scale = largest
     do i = 1, size(ended)
       if (ended(i)) scale = max(scale, maxval(abs(points(:, :, i)), 2))
     end do

@@ -19,6 +19,53 @@ PENDULUM = """&pendulum e=0.1 w2=0.4 w3=0.8 alpha=0.5 c1=0.1 c2=0.1 c3=0.1 f0=0.
 &basins vary='phi' 'psi' from=-0.5 -0.3 to=0.5 0.3 count=3 3 n_periods=80 max_period=4 /
 """
 
+GAP = """&system coordinates='x' mass=1 stiffness=-1 damping=0.3 /
+&force law='x^3 + 5*max(x - 0.6, 0)' /
+&load amplitude=0.15 /
+&basins vary='x' 'x_dot' from=-1.5 -1.2 to=1.4 1.3 count=3 3 nu=1.3 n_periods=40 max_period=4 /
+"""
+MEMORY = """&system coordinates='x' mass=1 stiffness=-1 damping=0.3 /
+&kernel kind='prony' weights=0.2 rates=0.7 /
+&force law='x^3' /
+&basins vary='x' 'x_dot' from=-1.5 -1.2 to=1.4 1.3 count=3 3 t_end=90 /
+"""
+#: What starts and ends at 0 is between.
+BEAM = """&structure coordinates='x1' 'x2' mass=1 1 stiffness=0.4 -1.1 -1.1 1.1 damping=0.3 0.3 /
+&element on='x1' law='d^3' /
+&basins vary='x1' 'x1_dot' from=-1.5 -1.2 to=1.4 1.3 count=3 3 t_end=150 /
+"""
+MOUNT = """&mount mass=1 inertia=0.5 offset=0.2 stiffness_x=1 stiffness_phi=0.6
+  damping=0.3 0 0 0.2 /
+&kernel acts_on='x' kind='prony' weights=0.2 rates=0.7 /
+&load amplitude=0.1 /
+&basins vary='phi' 'x' from=-0.4 -0.2 to=0.3 0.3 count=2 2 nu=0.8 n_periods=20 max_period=2 /
+"""
+
+
+def _gap(t, y):
+    return [
+        y[1],
+        0.15 * np.sin(1.3 * t) - 0.3 * y[1] + y[0] - y[0] ** 3 - 5 * max(y[0] - 0.6, 0),
+    ]
+
+
+def _memory(t, y):
+    spring = y[0] ** 3 - y[0]
+    return [y[1], -0.3 * y[1] - spring + y[2], 0.2 * spring - 0.7 * y[2]]
+
+
+def _beam(t, y):
+    x, v, z, w = y
+    return [v, -0.3 * v - 0.4 * x + 1.1 * z - x**3, w, -0.3 * w + 1.1 * (x - z)]
+
+
+#: Scenes of which motions go one after another: their equations, with what a kernel remembers.
+SINGLE = {
+    "gap": (GAP, _gap, 40 * 2 * np.pi / 1.3, 2),
+    "memory": (MEMORY, _memory, 90.0, 3),
+    "beam": (BEAM, _beam, 150.0, 4),
+}
+
 
 def _run(solve, folder, text, status=0):
     scene = folder / "scene.nml"
@@ -47,7 +94,24 @@ def test_two_wells(solve, tmp_path):
         assert ends["x"][attractor] == pytest.approx(run.y[0, -1], abs=1e-5)
 
 
-@pytest.mark.parametrize("text", [WELLS, DUFFING, PENDULUM])
+@pytest.mark.parametrize("name", SINGLE)
+def test_kinks_kernels_and_structures(solve, tmp_path, name):
+    """A start is a state at t = 0 with nothing before; each goes where SciPy goes."""
+    text, equations, end, width = SINGLE[name]
+    rows, ends = _run(solve, tmp_path, text)
+    assert "one after another" in (tmp_path / "scene_basins.csv").read_text()
+    x, y = rows.dtype.names[:2]
+    assert len(rows) == 9
+    for row in rows:
+        start = np.zeros(width)
+        start[:2] = row[x], row[y]
+        run = solve_ivp(equations, (0, end), start, rtol=1e-8, atol=1e-10)
+        there = ends[ends["attractor"] == row["attractor"]]
+        assert len(there)
+        assert np.abs(there[x] - run.y[0, -1]).min() < 1e-3
+
+
+@pytest.mark.parametrize("text", [WELLS, DUFFING, PENDULUM, GAP, MEMORY, BEAM, MOUNT])
 def test_python_tells_the_same(solve, tmp_path, text):
     """By the same rules: labels, attractors and how sure they are."""
     rows, ends = _run(solve, tmp_path, text)
@@ -57,8 +121,15 @@ def test_python_tells_the_same(solve, tmp_path, text):
         call = {"t_end": 120.0}
     elif text is PENDULUM:
         call = {"n_periods": 80, "max_period": 4}
+    elif text is GAP:
+        call = {"n_periods": 40, "max_period": 4, "load": 0.15, "nu": 1.3}
+    elif text is MOUNT:
+        call = {"n_periods": 20, "max_period": 2, "load": 0.1, "nu": 0.8}
+    elif text in (MEMORY, BEAM):
+        call = {"t_end": 90.0 if text is MEMORY else 150.0}
     scene = vv.Scene.read(tmp_path / "scene.nml")
-    system = scene.pendulum() if text is PENDULUM else scene.polynomial_system()
+    kind = {PENDULUM: "pendulum", BEAM: "structure", MOUNT: "mount"}.get(text, "polynomial_system")
+    system = getattr(scene, kind)()
     found = vv.basins(system, {x: np.unique(rows[x]), y: np.unique(rows[y])}, **call)
     np.testing.assert_array_equal(found.labels.ravel(), rows["attractor"])
     np.testing.assert_allclose(found.moved.ravel(), rows["moved"], rtol=1e-2, atol=1e-9)
@@ -106,7 +177,9 @@ def test_what_has_not_settled_and_what_has_left(solve, tmp_path):
         (WELLS, "t_end=120", "t_end=120 initial=1", "initial has 1 values: must be 2"),
         (WELLS, "t_end=120", "t_end=120 nu=1", "nu: is the frequency"),
         (WELLS, "t_end=120", "t_end=120 tolerence=1", "did you mean 'tolerance'?"),
-        (WELLS, "'x^3'", "'max(x, 0)'", "with smooth laws; others by Python (vv.basins)"),
+        (BEAM, "/\n&element", "loss_factor=0.1 /\n&element", "loss_factor has no meaning in time"),
+        (GAP, "amplitude=0.15", "amplitude=0.15 kind='base'", "base"),
+        (MEMORY, "t_end=90", "t_end=90 dt=100", "must not exceed t_end"),
         (WELLS, "stiffness=-1 damping=0.3", "", "the system has no linear period"),
         (DUFFING, "n_periods=150", "t_end=150", "n_periods under a load"),
         (DUFFING, "n_periods=150", "n_periods=17 dt=80", "dt = 80: must not exceed the length"),

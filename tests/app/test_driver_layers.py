@@ -117,11 +117,3 @@ def test_a_layer_in_many_directions_is_pythons(solve, tmp_path):
     out = tmp_path / "out"
     out.mkdir()
     check_failure(solve(scene, "--out", out), 2, ":3: stiffness: its layer acts in 70", out)
-
-
-def test_basins_of_structures_are_pythons(solve, tmp_path):
-    scene = tmp_path / "scene.nml"
-    scene.write_text(SCENE + "&basins /\n")
-    out = tmp_path / "out"
-    out.mkdir()
-    check_failure(solve(scene, "--out", out), 2, "&basins: of a &structure it is computed by", out)

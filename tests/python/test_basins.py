@@ -183,6 +183,23 @@ def test_bad_calls():
             vv.basins(wells, starts, **given)
 
 
+def test_what_starts_and_ends_at_rest_between():
+    """The other mass starts at 0 and comes to rest at 0: it is measured by what it does between."""
+    chain = vv.PolynomialSystem(
+        mass=[1, 1], stiffness=[[1.9, -1.1], [-1.1, 1.1]], damping=[0.2, 0.2], forces={"x1": "x1^3"}
+    )
+    found = vv.basins(chain, {"x1": GRID, "x1_dot": GRID}, t_end=120.0)
+    assert found.complete
+    np.testing.assert_allclose(found.attractors, 0, atol=1e-4)
+
+
+def test_what_leaves_within_the_last_look():
+    """From 1 x'' = x^3 is without bound at 1.854, after t_end."""
+    away = vv.PolynomialSystem(mass=1, forces="-x^3")
+    found = vv.basins(away, {"x": [0.1, 1.0], "x_dot": [0.0]}, t_end=1.8, dt=0.005)
+    np.testing.assert_array_equal(found.labels, [[-1, -2]])
+
+
 def test_how_sure_labels_and_attractors_are():
     """By how much a motion still changes, and what is left of a disturbance: closed forms."""
     one = vv.PolynomialSystem(mass=1, stiffness=4, damping=0.2)

@@ -129,6 +129,12 @@ MORE = {
     "basins_of_a_pendulum": """&pendulum e=0.1 w2=0.4 w3=0.8 c1=0.1 c2=0.1 c3=0.1 f0=0.02 p1=0.8 /
 &basins vary='psi' 'z' from=-0.4 -0.1 to=0.4 0.1 count=3 2 n_periods=60 dt=0.25 max_period=3 /
 """,
+    "basins_of_a_gap": """&structure coordinates='x' 'y' mass=1 1 stiffness=1 0.5 damping=0.3 0.4 /
+&kernel kind='prony' weights=0.1 rates=0.7 /
+&element on='x' 'y' law='d^3 + 3*max(d - 0.2, 0)' /
+&load on='x' amplitude=0.2 /
+&basins vary='x' 'y_dot' from=-1 -1 to=1.4 1 count=3 2 nu=0.9 n_periods=20 max_period=3 /
+""",
     "pendulums": """&pendulum e=0.1 w2=0.4 w3=0.8 alpha=0.5 c1=0.01 c2=0.01 c3=0.01 p1=1.02 /
 &ensemble vary='f0' from=0.001 to=0.004 count=4 initial=0 0 0.1 0 0 0 t_end=20 discard=5
   coordinates='phi' /

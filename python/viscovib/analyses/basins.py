@@ -33,7 +33,7 @@ _MOST_RUNS = 10_000_000
 _MOST_COORDINATES = 64
 #: Coordinates of a structure whose whole equations are at hand; a long time.
 _FEW, _LONG = 6, 1e4
-#: Motions by which the step is found, and how exact they are.
+#: Motions by which the step is found and how large motions are; how exact they are for the step.
 _PROBES, _PROBED = 16, 1e-6
 #: Motions beside an orbit, with it, by which an attractor is told from a saddle.
 _DISTURBED = 7
@@ -150,7 +150,10 @@ def basins(
     system : Pendulum, PolynomialSystem, Structure or Mount
         As for `simulate_ensemble`.
     starts : mapping of two names to array_like
-        {"x": values, "x_dot": values}: coordinates or velocities and their starts, x and y.
+        {"x": values, "x_dot": values}: coordinates or velocities and their starts, x and y. A
+        start is the state at t = 0, before which nothing was: no force remembers anything, a
+        slider is not stretched. Where forces remember, the map is this cut of what leads to an
+        attractor.
     n_periods : int
         Length of the runs in periods of the load, more than twice ``max_period``.
     t_end : float
@@ -165,7 +168,8 @@ def basins(
         The longest period looked for.
     tolerance : float
         How near states must be to count as the same, relative to the largest value of each
-        coordinate in the starts and at the ends, velocities to that times the fastest frequency.
+        coordinate in the starts, on the way from some of them and at the ends, velocities to that
+        times the fastest frequency.
     dt : float or "auto"
         Step. "auto": that by which some of the motions are exact to 1e-6 over three periods; those
         that settle forget the errors of their steps.
@@ -210,6 +214,7 @@ def basins(
     if t_end is not None and _native.is_auto(dt):
         call["dt"] = min(call["dt"], _native.number("t_end", t_end))
     length: dict[str, Any]
+    stays = np.ones(len(states), dtype=bool)
     if loaded:
         if t_end is not None or n_periods is None:
             raise InputError("n_periods: must be given under a load, instead of t_end")
@@ -235,12 +240,15 @@ def basins(
             finer = {"dt": min(float(run.step[0]), 0.1 * end)}
             more = simulate_ensemble(system, initial=run.state, t_end=0.1 * end, **(call | finer))
         points, most = np.stack([run.state, more.state], axis=1), 1
-    ended = run.outcome == "completed"
+        # One that leaves within that has no state to be looked at.
+        stays = more.outcome == "completed"
+    ended = stays & (run.outcome == "completed")
+    largest = _largest(system, states, call | {"t_end": float(run.t_end[0])})
     fastest = _fastest(system, call)
     # Of many starts and attractors every one is compared with every other.
     scale, labels, periods, moved, shown, n_orbits = _native.apart(
         lambda: core.basin_orbits(
-            states.T, np.transpose(points, (2, 1, 0)), ended, most, near, fastest
+            largest, np.transpose(points, (2, 1, 0)), ended, most, near, fastest
         )
     )
     shown = shown[:n_orbits]
@@ -258,6 +266,17 @@ def basins(
         labels.reshape(shape).astype(np.intp), attractors, share, rest[good], moved.reshape(shape),
         names, x, y, near, system,
     )  # fmt: skip
+
+
+def _largest(system: Any, states: FloatArray, call: Mapping[str, Any]) -> FloatArray:
+    """The largest of each number of a state in all starts, and in motions from some of them.
+
+    What starts and ends at 0 may be far from it on the way.
+    """
+    run = simulate_ensemble(system, initial=_some(states), statistics=True, **call)
+    assert run.peak is not None
+    # Of what did not reach its end peaks are NaN.
+    return np.asarray(np.fmax(np.abs(states).max(axis=0), np.fmax.reduce(run.peak, axis=0)))
 
 
 def _remembers(system: Any) -> bool:
@@ -373,11 +392,15 @@ def _step(system: Any, states: FloatArray, call: Mapping[str, Any]) -> float:
     fastest = _fastest(system, call)
     if not fastest > 0:
         raise InputError('dt = "auto": the system has no linear period, must be a number')
-    some = states[:: max(1, states.shape[0] // _PROBES)]
     probe = simulate_ensemble(
-        system, initial=some, t_end=3 * 2 * np.pi / fastest, rtol=_PROBED, **call
+        system, initial=_some(states), t_end=3 * 2 * np.pi / fastest, rtol=_PROBED, **call
     )
     return float(probe.step[0])
+
+
+def _some(states: FloatArray) -> FloatArray:
+    """Starts that stand for all."""
+    return states[:: max(1, states.shape[0] // _PROBES)]
 
 
 def _grid(
