@@ -150,3 +150,20 @@ def test_many_coordinates_beside_stiff_springs_move_as_one_chain(kind, stiff):
     # Rounding of the start lets the stiff springs swing, at their frequency.
     assert off[0] < 2e-13
     assert off[1] < 2e-13 + 1e-15 * np.sqrt(stiff)
+
+
+def test_motions_that_do_not_swing_have_real_shapes():
+    """Refined ones too: dust in a shape is another motion, which ends what is told of decay."""
+    rng = np.random.default_rng(8)
+    for _ in range(20):
+        n = int(rng.integers(3, 8))
+        joints = np.eye(n) - np.eye(n, k=-1)
+        stiffness, damping = (
+            joints.T @ np.diag(10 ** rng.uniform(-2, 1, n)) @ joints for _ in range(2)
+        )
+        damping[0, 0] += 15.0
+        rest = vv.Structure(mass=np.ones(n), stiffness=stiffness, damping=damping)._rest
+        still = rest.poles.imag == 0
+        assert still.any()
+        assert not rest.left[:, still].imag.any()
+        assert not rest.right[:, still].imag.any()

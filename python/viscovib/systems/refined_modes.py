@@ -92,7 +92,8 @@ def refined_poles(
     if any((part != part.T).any() for part in (mass, damping, stiffness)):
         turned = _Pencil(mass.T, damping.T, stiffness.T, bits)
     kept = np.flatnonzero(poles.imag >= 0)
-    paired = kept[poles[kept].imag > 0]
+    real = poles[kept].imag == 0
+    paired = kept[~real]
     own = kept, np.arange(kept.size)
     for _ in range(_PASSES):
         p, x, y = poles[kept], left[:, kept], right[:, kept]
@@ -112,13 +113,16 @@ def refined_poles(
             moving = y[:, group].T @ slope[:, group] - apart * (y[:, group].T @ moved[:, group])
             block = off[rows] + moving * (poles[kept[group]] - middle)
             found, turn = np.linalg.eig(np.linalg.solve(moving, block))
-            if np.linalg.cond(turn) > _SKEW:
+            # Modes that nearly share a shape, and real ones that would become a pair, stay.
+            if np.linalg.cond(turn) > _SKEW or (real[group].any() and found.imag.any()):
                 continue
             p[group], change[rows], back[rows] = middle + found, 0.0, 0.0
             turns.append((group, turn, np.linalg.inv(moving @ turn).T))
         x, y = x + left @ change, y + right @ back
         for group, turn, returned in turns:
             x[:, group], y[:, group] = x[:, group] @ turn, y[:, group] @ returned
+        for part in (x, y, p):
+            part.imag[..., real] = 0.0
         poles, left, right = poles.copy(), left.copy(), right.copy()
         for whole, part in ((left, x), (right, y), (poles, p)):
             whole[..., kept] = part
