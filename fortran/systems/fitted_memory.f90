@@ -6,7 +6,10 @@
 !! where R is singular. Of a force g that is smooth within t_min it leaves m_0 g - m_1 g' + ..., of
 !! a jump of g the push m_0 from t_min on and the impulse -m_1, m_k = integral D t^k/k! dt. One
 !! exponential more has both moments, as the first Gauss rule of D's spectrum: Laplace transforms
-!! w/(s + r) = R(s) - S(s) at two s of the order of 1/h. What remains goes like t_min^(2 + alpha).
+!! w/(s + r) = R(s) - S(s) at two small s. Of a motion that is slow beside them, exp(s t), it leaves
+!! m_2 (s - s_1) (s - s_2): a constant part of what D pushes if both are of the order of 1/h, and
+!! one of (t_min s)^2 if they are of that of the motion. Below 1/reach S says nothing of R; and
+!! rounding, in the difference of both, is larger by s/s_2 at s.
 module viscovib_fitted_memory
   use viscovib_hidden_memory, only: count_hidden, fades_by_exponentials
   use viscovib_kernel_holder, only: copy_kernels, kernel_holder
@@ -23,10 +26,11 @@ module viscovib_fitted_memory
   real(wp), parameter :: shortest_lag = 1.0e-3_wp
   !> Relative errors of sums, by turns as the step is halved: what two runs differ by tells both.
   real(wp), parameter :: errors(0:1) = [5.0e-14_wp, 1.0e-12_wp]
-  !> What two runs may share of a motion, by measurement: twice the coarser one.
-  real(wp), parameter, public :: shared_error = 2.0e-12_wp
-  !> Frequencies times the step at which transforms agree.
-  real(wp), parameter :: agreed(2) = [0.5_wp, 2.0_wp]
+  !> What two runs may share of a motion: twice the finer one, of which one of them is.
+  real(wp), parameter, public :: shared_error = 1.0e-13_wp
+  !> Places s at which transforms agree: by the reach of the sum, beyond which it fades as
+  !! exp(-s t), and by the step at most; the second between the first and this part of the step.
+  real(wp), parameter :: faded = 40.0_wp, most_agreed = 0.5_wp, resolved = 2.0_wp
   !> The step of which a plan tells, as a part of the latest time: a thousandth of the first run.
   real(wp), parameter :: usual_step = 1.0e-5_wp
   !> Terms of a sum, as far as these are counted before step and end are known. Kernels with a
@@ -85,7 +89,7 @@ contains
       if (fades_by_exponentials(system%kernels(k)%kernel)) cycle
       call system%kernels(k)%exponentials(errors(modulo(exponent(step), 2)), first, &
                                           max(reach, 2.0_wp*step), weights, rates)
-      call find_rest(system%kernels(k), step, weights, rates, weight, rate)
+      call find_rest(system%kernels(k), step, reach, weights, rates, weight, rate)
       call replace(fitted%kernels(k), [weights, weight], [rates, rate])
     end do
   end subroutine fit_memory
@@ -118,15 +122,16 @@ contains
   end function tell_fit
 
   !> The exponential for what is over before the shortest lag.
-  subroutine find_rest(kernel, step, weights, rates, weight, rate)
+  subroutine find_rest(kernel, step, reach, weights, rates, weight, rate)
     type(kernel_holder), intent(in) :: kernel
-    real(wp), intent(in) :: step, weights(:), rates(:)
+    real(wp), intent(in) :: step, reach, weights(:), rates(:)
     real(wp), intent(out) :: weight, rate
     complex(wp) :: transform(2)
     real(wp) :: s(2), rest(2)
     integer :: i
 
-    s = agreed/step
+    s(1) = min(most_agreed/step, faded/reach)
+    s(2) = sqrt(s(1)*resolved/step)
     call kernel%laplace(cmplx(s, 0.0_wp, wp), transform)
     rest = [(real(transform(i)) - sum(weights/(s(i) + rates)), i=1, 2)]
     rate = 1.0_wp/(shortest_lag*step)

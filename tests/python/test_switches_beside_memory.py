@@ -2,6 +2,7 @@
 
 import re
 
+import mpmath as mp
 import numpy as np
 import pytest
 import viscovib as vv
@@ -115,6 +116,42 @@ def test_error_counts_the_sum():
     assert off < 2 * found.error
     # Rounding of a motion of 1 is 1e-15, what two sums may share is more.
     assert run(rubber(law, kernel), tolerance=1e-8).error > 1e-12
+
+
+@pytest.mark.parametrize("alpha", [0.05, 0.1, 0.2, 0.4])
+@pytest.mark.parametrize("name", ["rzhanitsyn", "rabotnov"])
+def test_what_is_over_before_the_shortest_lag(name, alpha):
+    """A half of the kernel is, at small alpha: its push is exact, and better in shorter steps.
+
+    The switch is never met; the motion by its Laplace transform, inverted on Talbot's contour.
+    """
+    beta = 0.3
+    if name == "rabotnov":
+        kernel = vv.RabotnovKernel(amplitude=0.3 * beta, alpha=alpha, beta=beta)
+    else:
+        amplitude = float(0.3 * beta**alpha / mp.gamma(alpha))
+        kernel = vv.RzhanitsynKernel(amplitude=amplitude, alpha=alpha, beta=beta)
+    with mp.workdps(30):
+
+        def moved(s):
+            if name == "rabotnov":
+                memory = mp.mpf(kernel.amplitude) / (s ** mp.mpf(alpha) + mp.mpf(beta))
+            else:
+                memory = mp.mpf(kernel.amplitude) * mp.gamma(mp.mpf(alpha))
+                memory *= (s + mp.mpf(beta)) ** -mp.mpf(alpha)
+            drag = s * s + mp.mpf(0.1) * s
+            return mp.mpf(0.3) * (s + mp.mpf(0.1)) / (drag + 2 - memory)
+
+        true = float(mp.invertlaplace(moved, 5.0, method="talbot", degree=40))
+    system = vv.Structure(
+        mass=[1.0], stiffness=[1.0], damping=[0.1],
+        elements=[
+            vv.Spring(on="x1", stiffness=1, kernel=kernel), vv.Gap(on="x1", stiffness=1, gap=9)
+        ],
+    )  # fmt: skip
+    for dt, most in ((0.1, 1e-13), (0.0125, 5e-15)):
+        found = vv.simulate(system, 5.0, initial=[0.3, 0.0], dt=dt)
+        assert abs(found.state[-1, 0] - true) < most
 
 
 def test_singular_kernels_go_on():
