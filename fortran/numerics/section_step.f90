@@ -101,15 +101,42 @@ contains
   end subroutine driven_section
 
   !> Of a section that nothing pulls back, v' + rate v = f: what v gains by itself, as a part of it,
-  !! and by Legendre's polynomials, shape (0:n-1).
+  !! and by Legendre's polynomials, shape (0:n-1): `legendre_moments` of a real z = -rate, of which
+  !! the first is always the largest. There are many such sections, so they have numbers of their
+  !! own.
   pure subroutine relaxing_section(rate, gained, by_order)
     real(wp), intent(in) :: rate
     real(wp), intent(out) :: gained, by_order(0:)
-    complex(wp) :: moments(0:size(by_order) - 1)
+    real(wp) :: ratio(0:size(by_order) - 1), far_ratio, y
+    integer :: j, n
 
+    n = size(by_order)
+    y = -0.5_wp*rate
     gained = less_one(-rate)
-    call legendre_moments(cmplx(-rate, 0.0_wp, wp), moments)
-    by_order = real(moments)
+    by_order = 0.0_wp
+    by_order(0) = 1.0_wp
+    if (.not. abs(y) > 1.0e-100_wp) return
+    by_order(0) = -gained/rate
+    if (n == 1) return
+    if (abs(y) > far) then
+      by_order(1) = (by_order(0) - (1.0_wp + 0.5_wp*gained))/y
+      do j = 1, n - 2
+        by_order(j + 1) = by_order(j - 1) + (2*j + 1)/y*by_order(j)
+      end do
+      return
+    end if
+    far_ratio = 0.0_wp
+    ! So far that what lies beyond is rounding, for all y up to here.
+    do j = n + 5 + int(5.5_wp*sqrt(abs(y))), n - 1, -1
+      far_ratio = y/((2*j + 3) + y*far_ratio)
+    end do
+    ratio(n - 1) = far_ratio
+    do j = n - 2, 0, -1
+      ratio(j) = y/((2*j + 3) + y*ratio(j + 1))
+    end do
+    do j = 0, n - 2
+      by_order(j + 1) = -ratio(j)*by_order(j)
+    end do
   end subroutine relaxing_section
 
   !> Answer to exp(i mu t) from rest, and its velocity.

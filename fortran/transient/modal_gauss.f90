@@ -157,14 +157,14 @@ contains
           call relaxing_section(frame%rates(m)*t, by_v(2), by_order_rate)
           by_q = 0.0_wp
           by_v(1) = 0.0_wp
-          by_order = 0.0_wp
+          gain = 0.0_wp
         else
           associate (square => frame%squares(m)*t**2, rate => frame%rates(m)*t)
             call free_section(square, rate, by_q, by_v)
             call driven_section(square, rate, by_order, by_order_rate)
           end associate
+          gain = t**2*matmul(by_order, coefficients(:, :, i))
         end if
-        gain = t**2*matmul(by_order, coefficients(:, :, i))
         rate_gain = t*matmul(by_order_rate, coefficients(:, :, i))
         if (i > s) exit
         ! Lanes beyond the last node repeat it.

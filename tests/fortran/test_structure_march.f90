@@ -10,7 +10,8 @@ module test_structure_march
   use viscovib_modal_maps, only: sections_type
   use viscovib_polynomial, only: polynomial_type
   use viscovib_quadrature, only: gauss_nodes, legendre
-  use viscovib_section_step, only: driven_section, free_section, legendre_moments, section_wave
+  use viscovib_section_step, only: driven_section, free_section, legendre_moments, &
+    relaxing_section, section_wave
   use viscovib_simulate, only: run_completed
   use viscovib_status, only: status_type
   use viscovib_structure_march, only: new_structure_march, structure_march_type
@@ -31,6 +32,7 @@ contains
 
   subroutine run_structure_march()
     if (begin('polynomial motions of sections')) call polynomial_motions()
+    if (begin('sections that relax')) call relaxing()
     if (begin('waves of sections')) call waves()
     if (begin('free sections in two halves')) call halves()
     if (begin('moments of exponentials')) call moments()
@@ -77,6 +79,29 @@ contains
     end subroutine one
 
   end subroutine polynomial_motions
+
+  !> v = 1 + 2 t - t^2 + t^5/2 is the answer to v' + rate v; each number has all of its digits.
+  subroutine relaxing()
+    real(wp) :: by_order(0:7), forces(0:7), t(8), w(8), gained, rate, v
+    complex(wp) :: known(0:7)
+    integer :: i, k, order
+
+    call gauss_nodes(8, t, w)
+    do i = 0, 160
+      rate = 10.0_wp**(-8.0_wp + 0.1_wp*i)
+      call relaxing_section(rate, gained, by_order)
+      call legendre_moments(cmplx(-rate, 0.0_wp, wp), known)
+      call check(all(abs(by_order - real(known)) <= 2.0e-15_wp*abs(by_order)), 'moments')
+      forces = 0.0_wp
+      do k = 1, 8
+        v = 1.0_wp + 2.0_wp*t(k) - t(k)**2 + 0.5_wp*t(k)**5
+        forces = forces + w(k)*(2.0_wp - 2.0_wp*t(k) + 2.5_wp*t(k)**4 + rate*v) &
+                 *legendre(7, t(k))*[(2*order + 1, order=0, 7)]
+      end do
+      call check_close(1.0_wp + gained + sum(forces*by_order), 2.5_wp, &
+                       1.0e-14_wp*(2.5_wp + sum(abs(forces*by_order))), 'velocity')
+    end do
+  end subroutine relaxing
 
   !> exp(i mu t) is the answer to (square - mu^2 + i mu rate) exp(i mu t).
   subroutine waves()
