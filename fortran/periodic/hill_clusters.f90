@@ -15,10 +15,10 @@
 module viscovib_hill_clusters
   use, intrinsic :: ieee_arithmetic, only: ieee_is_nan
   use viscovib_constants, only: pi
-  use viscovib_eigenvalues, only: eigenvalues
   use viscovib_hill, only: hill_type
   use viscovib_kinds, only: wp
   use viscovib_oscillator, only: oscillator_type
+  use viscovib_polynomial_zeros, only: polynomial_zeros
   use viscovib_sorting, only: sort_falling
   implicit none
   private
@@ -188,19 +188,14 @@ contains
     real(wp), intent(in) :: sums(:)
     complex(wp), intent(out) :: zeros(:)
     logical, intent(out) :: made
-    real(wp) :: c(0:size(sums)), companion(size(sums), size(sums))
-    integer :: k, j
+    real(wp) :: c(0:size(sums))
+    integer :: k
 
     c(0) = 1.0_wp
     do k = 1, size(sums)
       c(k) = -dot_product(c(k - 1:0:-1), sums(:k))/k
     end do
-    companion = 0.0_wp
-    companion(1, :) = -c(1:)
-    do j = 2, size(sums)
-      companion(j, j - 1) = 1.0_wp
-    end do
-    call eigenvalues(companion, zeros, made)
+    call polynomial_zeros(c, zeros, made)
   end subroutine from_sums
 
 end module viscovib_hill_clusters

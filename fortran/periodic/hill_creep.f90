@@ -14,10 +14,10 @@
 !! zeros of its own strip, so that none is taken twice.
 module viscovib_hill_creep
   use viscovib_constants, only: pi
-  use viscovib_eigenvalues, only: eigenvalues
   use viscovib_hill, only: hill_type
   use viscovib_kinds, only: wp
   use viscovib_oscillator, only: oscillator_type
+  use viscovib_polynomial_zeros, only: polynomial_zeros
   implicit none
   private
 
@@ -55,7 +55,7 @@ contains
     class(oscillator_type), intent(in) :: system
     integer, intent(in) :: strip
     complex(wp), allocatable, intent(out) :: exponents(:)
-    real(wp) :: series(0:degree), companion(degree, degree), centre
+    real(wp) :: series(0:degree), centre
     complex(wp) :: z(degree)
     integer :: k
     logical :: found
@@ -64,13 +64,8 @@ contains
     centre = log(slowest*hill%period) + (strip - 0.5_wp)*width
     call taylor(hill, system, centre, series, found)
     if (.not. found) return
-    companion = 0.0_wp
-    companion(1, :) = -series(1:)/series(0)
-    do k = 2, degree
-      companion(k, k - 1) = 1.0_wp
-    end do
     ! Of 1/z.
-    call eigenvalues(companion, z, found)
+    call polynomial_zeros(series, z, found)
     if (.not. found) return
     z = pack(z, abs(z) > 1.0_wp, [(cmplx(0.0_wp, 1.0_wp, wp), k=1, degree)])
     z = r/z

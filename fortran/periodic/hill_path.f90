@@ -10,11 +10,11 @@
 !! are near those of D.
 module viscovib_hill_path
   use viscovib_constants, only: pi
-  use viscovib_eigenvalues, only: eigenvalues
   use viscovib_hill, only: hill_type
   use viscovib_hill_orders, only: relaxation, tail, to_polynomial
   use viscovib_kinds, only: wp
   use viscovib_oscillator, only: oscillator_type
+  use viscovib_polynomial_zeros, only: polynomial_zeros
   implicit none
   private
 
@@ -170,7 +170,7 @@ contains
     class(hill_path_type), intent(in) :: self
     type(hill_type), intent(in) :: hill
     complex(wp), allocatable, intent(out) :: exponents(:)
-    real(wp) :: c(0:2*hill%n_dof), companion(2*hill%n_dof, 2*hill%n_dof), angle
+    real(wp) :: c(0:2*hill%n_dof), angle
     complex(wp) :: multipliers(2*hill%n_dof)
     integer :: j, m, half
     logical :: found
@@ -188,12 +188,7 @@ contains
     end do
     if (.not. abs(c(0)) > 1.0e-10_wp*maxval(abs(c))) return
     ! Of 1/z, the multipliers, times the radius of the circle.
-    companion = 0.0_wp
-    companion(1, :) = -c(1:)/c(0)
-    do j = 2, size(c) - 1
-      companion(j, j - 1) = 1.0_wp
-    end do
-    call eigenvalues(companion, multipliers, found)
+    call polynomial_zeros(c, multipliers, found)
     if (.not. found) return
     multipliers = pack(multipliers, abs(multipliers) > tiny(1.0_wp), &
                        [(cmplx(tiny(1.0_wp), 0.0_wp, wp), j=1, size(multipliers))])
