@@ -5,6 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 import viscovib as vv
+from scipy.integrate import solve_ivp
 from scipy.optimize import fsolve
 from test_body import DATA, engine
 from viscovib.units import hz
@@ -153,3 +154,78 @@ def test_values_and_results_that_are_refused():
 def test_left_handed_axes_are_told():
     with pytest.raises(vv.InputError, match="left-handed, turn one about"):
         vv.MountPoint(name="a", position=(0, 0, 0), stiffness=(1, 1, 1), axes=-np.eye(3))
+
+
+@pytest.mark.parametrize("law", ["k3*d^3 + c3*v*d^2", "k3*d^3 + 2e4*max(d - gap, 0)"])
+def test_ensembles_over_numbers_of_bodies(law):
+    """Newton and Euler's equations written out, by SciPy; smooth laws side by side."""
+    rng = np.random.default_rng(7)
+    places = np.array([[-0.3, -0.2, -0.1], [0.3, -0.2, -0.1], [0.05, 0.25, -0.1]])
+    numbers = {"k3": 1e7, "c3": 1e5, "gap": 1e-3}
+    used = {name: value for name, value in numbers.items() if name in law}
+    mounts = [
+        vv.MountPoint(
+            name=name, position=place, stiffness=(1e4, 8e3, 2e4), damping=(50, 40, 80),
+            law=(None, None, law) if name == "a" else None,
+            parameters=used if name == "a" else None,
+        )
+        for name, place in zip("abc", places, strict=True)
+    ]  # fmt: skip
+    body = vv.Body(mass=20, inertia=[0.8, 1.0, 1.2], mounts=mounts)
+    own = "c3" if "c3" in used else "gap"
+    values = {
+        "mass": [18.0, 25.0],
+        "mounts[a].k3": [2e7, 4e7],
+        f"mounts[a].{own}": [1.7 * used[own], 0.6 * used[own]],
+        "mounts[b].stiffness[z]": [3e4, 1e4],
+        "mounts[c].damping_scale": [2.0, 0.5],
+    }
+    starts = 1e-3 * rng.normal(size=(2, 12))
+    many = vv.simulate_ensemble(
+        body, initial=starts, t_end=0.15, load={"z": 200.0}, nu=60.0, parameters=values
+    )
+    assert ("8 side by side" in str(many.plan)) == ("max" not in law)
+    for i in range(2):
+        mine = {name: value[i] for name, value in values.items()}
+        stiffness = np.tile([1e4, 8e3, 2e4], (3, 1))
+        stiffness[1, 2] = mine["mounts[b].stiffness[z]"]
+        damping = np.tile([50.0, 40.0, 80.0], (3, 1))
+        damping[2] *= mine["mounts[c].damping_scale"]
+        gap = mine.get("mounts[a].gap", np.inf)
+        c3 = mine.get("mounts[a].c3", 0.0)
+
+        def motion(t, y, mine=mine, stiffness=stiffness, damping=damping, gap=gap, c3=c3):
+            u, w = y[0::2], y[1::2]
+            d = u[:3] + np.cross(u[3:], places)
+            v = w[:3] + np.cross(w[3:], places)
+            force = -stiffness * d - damping * v
+            z, rate = d[0, 2], v[0, 2]
+            force[0, 2] -= mine["mounts[a].k3"] * z**3 + c3 * rate * z**2
+            force[0, 2] -= 2e4 * max(z - gap, 0)
+            push = force.sum(0) + [0, 0, 200 * np.sin(60 * t)]
+            turn = np.cross(places, force).sum(0)
+            rates = np.empty(12)
+            rates[0::2] = w
+            rates[1::2] = [*(push / mine["mass"]), *(turn / [0.8, 1.0, 1.2])]
+            return rates
+
+        run = solve_ivp(motion, (0, 0.15), starts[i], rtol=1e-10, atol=1e-13, max_step=2e-3)
+        np.testing.assert_allclose(many.state[i], run.y[:, -1], atol=3e-8 + 10 * many.error)
+
+
+def test_ensembles_of_bodies_name_what_varies():
+    """Names of one mount tell the others; numbers that mean nothing are refused by name."""
+    body = vv.Body(
+        mass=1,
+        inertia=[1, 1, 1],
+        mounts=[
+            vv.MountPoint(name=name, position=place, stiffness=(1, 1, 1))
+            for name, place in (("a", (0, 0, 0)), ("b", (1, 0, 0)), ("c", (0, 1, 0)))
+        ],
+    )
+    for name, words in (
+        ("k3", r"must be one of nu, load_scale, mass, .*mounts\[a\].position_scale$"),
+        ("mounts[a].stiffness[z]", "must not be less than 0, got -1"),
+    ):
+        with pytest.raises(vv.InputError, match=words):
+            vv.simulate_ensemble(body, initial=np.zeros(12), t_end=1, parameters={name: [-1.0]})

@@ -44,6 +44,22 @@ def test_entries_of_a_symmetric_matrix_move_together():
     assert again == [0.045, -0.03, -0.03, 0.045]
 
 
+def test_parameters_of_laws_have_sliders(tmp_path):
+    """Moving one changes the law; what they are measured in is not known."""
+    path = tmp_path / "scene.nml"
+    path.write_text(
+        "&parameters k3=0.7 nu=0.2 /\n&system coordinates='x' mass=1 stiffness=1 damping=0.4 /\n"
+        "&force law='k3*x^3 + nu*x^5' /\n&load amplitude=0.3 /\n&response nu=0.3 /\n"
+    )
+    scene = vv.Scene.read(path)
+    found = numbers(scene)
+    assert [found[f"parameters.{name}"].unit for name in ("k3", "nu")] == ["", ""]
+    other = scene.override({"parameters.k3": 2.0})
+    system = vv.PolynomialSystem(mass=1, stiffness=1, damping=0.4, forces="2*x^3 + 0.2*x^5")
+    right = vv.forced_response(system, [0.3], load=0.3)
+    np.testing.assert_allclose(vv.run(other).value.amplitude("x"), right.amplitude("x"), rtol=1e-12)
+
+
 def test_undo_redo_and_the_way_back():
     state = State(vv.Scene.read(PAPER))
     first = state.scene_text()

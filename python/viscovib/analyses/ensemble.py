@@ -103,8 +103,11 @@ def simulate_ensemble(
         linear part of laws), "damping_scale",
         "forces_scale" (of what is not linear) and its own ``parameters``; of a structure "nu",
         "load_scale" and numbers of elements, "elements[0].limit" or "elements[0].k3"; of a mount
-        "nu", "load_scale" and its numbers. Parameters of smooth laws and numbers of elements go
-        side by side, too; those of mounts run by run.
+        "nu", "load_scale" and its numbers; of a `Body` "nu", "load_scale", "mass",
+        "inertia_scale", "center[x]", "mounts[front].stiffness[z]" (also damping and position),
+        "mounts[front].stiffness_scale", and "mounts[front].k3" (k3 a parameter of its laws).
+        Parameters of smooth laws and numbers of elements and bodies go side by side, too; those
+        of a `Mount` run by run.
     load, nu
         Not of a pendulum: as for `simulate`.
     method : {"auto", "rk4", "dop8", "verner8", "verner9", "gauss8", "gauss16", "taylor20"}

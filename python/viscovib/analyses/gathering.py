@@ -14,6 +14,8 @@ from viscovib.analyses.events import Event
 from viscovib.analyses.members import SCALES, Members, PendulumMembers, PolynomialMembers
 from viscovib.analyses.memoryless import TAYLOR
 from viscovib.analyses.singles import SingleMembers, numbers_of, with_elements
+from viscovib.bodies.body import Body
+from viscovib.bodies.varying_body import with_numbers
 from viscovib.errors import InputError
 from viscovib.systems.load import LoadLike
 from viscovib.systems.many_numbers import (
@@ -76,15 +78,16 @@ def members_of(
         return made[0]
 
     def with_parameters(values: Mapping[str, FloatArray]) -> ManySystems:
-        if isinstance(system, PolynomialSystem):
+        if type(system) is PolynomialSystem:
             return systems_of_parameters(system, values)
-        n = next(iter(values.values())).size
-        return systems_one_by_one(
-            lambda i: whole_system(
-                with_elements(system, {name: float(x[i]) for name, x in values.items()})  # type: ignore[arg-type]
-            ),
-            n,
-        )
+
+        def made_with(i: int) -> PolynomialSystem:
+            numbers = {name: float(x[i]) for name, x in values.items()}
+            if isinstance(system, Body):
+                return with_numbers(system, numbers)
+            return whole_system(with_elements(system, numbers))  # type: ignore[arg-type]
+
+        return systems_one_by_one(made_with, next(iter(values.values())).size)
 
     return PolynomialMembers(few, initial, given, load, nu, method, alone, with_parameters)
 

@@ -24,6 +24,8 @@ from viscovib.analyses.resume import known
 from viscovib.analyses.runs import Run, ThinLayers, Wanted
 from viscovib.analyses.structure_motion import goes_condensed
 from viscovib.analyses.transient import Acting, kept_by, observed, runs_of
+from viscovib.bodies.body import Body
+from viscovib.bodies.varying_body import numbers_of_body, with_numbers
 from viscovib.errors import InputError
 from viscovib.results.trajectory import OUTCOMES
 from viscovib.systems.laws import named_in
@@ -107,12 +109,19 @@ class SingleMembers(Members):
             allowed = (*_OF_LOADS, *numbers)
         elif isinstance(system, Structure):
             allowed = (*_OF_LOADS, *_element_numbers(system))
+        elif isinstance(system, Body):
+            allowed = (*_OF_LOADS, *numbers_of_body(system))
         elif type(system) is PolynomialSystem:
             allowed = (*_OF_LOADS, *_SCALED, *system._named_parameters)
         if name not in allowed:
+            told = list(allowed)
+            if isinstance(system, Body):
+                # Those of one mount tell the others.
+                first = f"mounts[{system.mounts[0].name}]"
+                told = [one for one in told if one.startswith(first) or "mounts[" not in one]
             raise InputError(
                 f"parameters: {name!r} does not vary in an ensemble of this system, must be one of "
-                f"{', '.join(allowed)}"
+                f"{', '.join(told)}"
             )
 
     def _one(self, i: int) -> Any:
@@ -129,6 +138,8 @@ class SingleMembers(Members):
             return replace(system, **numbers)  # type: ignore[arg-type]
         if isinstance(system, Structure):
             return with_elements(system, numbers)
+        if isinstance(system, Body):
+            return with_numbers(system, numbers)
         for name in [name for name in numbers if name not in _SCALED]:
             system = system._with_parameter(name, numbers.pop(name))
         return _scaled(system, numbers)
@@ -372,6 +383,8 @@ def numbers_of(system: Structure | PolynomialSystem) -> Sequence[str]:
     """Numbers of laws and elements, by the names that branches have for them."""
     if isinstance(system, Structure):
         return _element_numbers(system)
+    if isinstance(system, Body):
+        return numbers_of_body(system)
     return system._named_parameters if type(system) is PolynomialSystem else ()
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from copy import copy
 from dataclasses import replace
 from typing import Any
@@ -56,6 +56,28 @@ def varied_body(body: Body, name: object, start: float, finish: float) -> Varied
             return _polynomial(str(name), with_slopes, start, finish)
         except InputError:
             raise error from None
+
+
+def numbers_of_body(body: Body) -> tuple[str, ...]:
+    """Names of the numbers of a body that are not those of its matrices."""
+    names = ["mass", "inertia_scale", *(f"center[{axis}]" for axis in _AXES)]
+    for mount in body.mounts:
+        places = [*(f"[{axis}]" for axis in _AXES), "_scale"]
+        own = [f"{key}{place}" for key in _OF_MOUNTS for place in places]
+        names += [f"mounts[{mount.name}].{key}" for key in (*own, *mount._named_parameters)]
+    return tuple(names)
+
+
+def with_numbers(body: Body, numbers: Mapping[str, float]) -> Body:
+    """Return the body with other numbers, by the names above."""
+    with warnings.catch_warnings():
+        # Of the body as it was given they were told.
+        warnings.simplefilter("ignore")
+        for name, value in numbers.items():
+            changed = _changed(body, name)
+            assert changed is not None
+            body = rebuilt(body, **changed(value))
+    return body
 
 
 def rebuilt(body: Body, **changes: Any) -> Body:
@@ -135,7 +157,7 @@ def _with(vector: Any, axis: int, p: float) -> FloatArray:
 def _mount_with(name: str, mount: MountPoint, key: str, value: FloatArray) -> MountPoint:
     """The mount with another number, of whatever size or sign."""
     if key != "position" and not (value >= 0).all():
-        raise InputError(f"vary = {name!r}: must not be less than 0, got {value.min():g}")
+        raise InputError(f"{name}: must not be less than 0, got {value.min():g}")
     value.setflags(write=False)
     other = copy(mount)
     object.__setattr__(other, "_elastic" if key == "stiffness" else key, value)

@@ -13,7 +13,7 @@ from viscovib.scene.units import unit_of
 #: Groups whose numbers say what the system is and what loads it.
 _PHYSICS = (
     "mount", "body", "mount_point", "system", "spring", "element", "force", "kernel", "pendulum",
-    "load",
+    "load", "parameters",
 )  # fmt: skip
 #: Where and how long results are computed, of the other groups.
 _RANGES = (

@@ -51,6 +51,9 @@ def unit_of(groups: Mapping[str, Any], key: str) -> str:
     found = groups.get(group) or {}
     several = found if isinstance(found, list) else [found]
     own = several[which - 1] if 1 <= which <= len(several) else {}
+    if group == "parameters":
+        # Whatever laws make of them, also of one that is called nu.
+        return ""
     if entry == "discard" and "n_periods" in own:
         return ""
     if entry in _TIMES:
