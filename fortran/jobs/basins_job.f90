@@ -343,8 +343,8 @@ contains
     logical, allocatable, intent(out) :: good(:)
     type(status_type), intent(out) :: status
     type(many_motions) :: many
-    real(wp) :: pushes(size(scale), n_disturbed), rest(size(shown))
-    real(wp), allocatable :: beside(:, :), places(:, :)
+    real(wp) :: pushes(size(scale), n_disturbed), rest(size(shown)), place(size(scale))
+    real(wp), allocatable :: beside(:, :)
     logical :: by_starts
     integer :: new(has_left:size(shown) - 1), i, j, n
     integer(i8) :: n_steps
@@ -354,14 +354,11 @@ contains
     n = size(points, 2)
     call disturbances(self%tolerance, pushes)
     by_starts = subject%has_kernels()
-    if (by_starts) then
-      places = states(:, shown)
-    else
-      places = points(:, n, shown)
-    end if
     do i = 1, size(shown)
+      place = points(:, n, shown(i))
+      if (by_starts) place = states(:, shown(i))
       do j = 1, n_disturbed
-        beside(:, (i - 1)*n_disturbed + j) = places(:, i) + pushes(:, j)*scale
+        beside(:, (i - 1)*n_disturbed + j) = place + pushes(:, j)*scale
       end do
     end do
     if (size(shown) > 0) then
