@@ -1,5 +1,6 @@
 !> Undamped modes K r = omega^2 M r of symmetric K and positive definite M.
 module viscovib_symmetric_modes
+  use, intrinsic :: iso_fortran_env, only: real128
   use viscovib_kinds, only: wp
   implicit none
   private
@@ -7,6 +8,14 @@ module viscovib_symmetric_modes
   public :: find_symmetric_modes
 
   integer, parameter :: max_sweeps = 40
+
+  !> Squares of frequencies closer together than this keep their digits.
+  real(wp), parameter :: alike = 0.03_wp
+  !> Changes of which the square is rounding, and changes too large for a step; passes.
+  real(wp), parameter :: small = 1.0e-8_wp, large = 0.1_wp
+  integer, parameter :: passes = 6
+  !> Part of values that products of modes with residuals leave by rounding.
+  real(wp), parameter :: rounding = 4.0_wp*epsilon(1.0_wp)
 
 contains
 
@@ -46,6 +55,7 @@ contains
         shapes(i, j) = (shapes(i, j) - sum(l(i + 1:, i)*shapes(i + 1:, j)))/l(i, i)
       end do
     end do
+    call refine(mass, stiffness, squares, shapes)
     do j = 2, n
       value = squares(j)
       column = shapes(:, j)
@@ -99,5 +109,120 @@ contains
       if (done) exit
     end do
   end subroutine rotate_to_diagonal
+
+  !> Soft modes to the digits that the entries hold, beside stiff ones, next to which the above
+  !! leaves rounding. With residuals w_j = K r_j - omega_j^2 M r_j of twice the digits
+  !!
+  !!   r_j + sum_i r_i E_ij,   E_ij = r_i^T w_j/(omega_j^2 - omega_i^2),
+  !!
+  !! is off by the square of E (Ogita and Aishima, Japan J. Indust. Appl. Math. 35 (2018) 1007).
+  !! Modes too near to each other for that are taken apart in what they span (Rayleigh and Ritz).
+  pure subroutine refine(mass, stiffness, squares, shapes)
+    real(wp), intent(in) :: mass(:, :), stiffness(:, :)
+    real(wp), intent(inout) :: squares(:), shapes(:, :)
+    real(wp), dimension(size(squares), size(squares)) :: off, moving, change
+    real(wp) :: better(size(squares)), most
+    integer :: names(size(squares)), i, j, pass
+
+    if (minval(abs(squares)) > alike*maxval(abs(squares))) return
+    do pass = 1, passes
+      do j = 1, size(squares)
+        off(:, j) = residual(mass, stiffness, squares(j), shapes(:, j))
+      end do
+      off = matmul(transpose(shapes), off)
+      moving = matmul(transpose(shapes), matmul(mass, shapes))
+      call find_changes(squares, off, change, names)
+      most = maxval(abs(change))
+      do j = 1, size(squares)
+        better(j) = squares(j) + (off(j, j) + sum(change(:, j)*off(:, j)))/moving(j, j)
+      end do
+      ! Of modes that coincide only what they are not normal by is taken away, half by each.
+      do j = 1, size(squares)
+        do i = 1, size(squares)
+          if (.not. abs(change(i, j)) > 0.0_wp) change(i, j) = -0.5_wp*moving(i, j)
+        end do
+        change(j, j) = change(j, j) + 0.5_wp
+      end do
+      shapes = shapes + matmul(shapes, change)
+      do i = 1, size(squares)
+        if (count(names == i) < 2) cycle
+        call take_apart(pack([(j, j=1, size(names))], names == i), off, moving, squares, better, &
+                        shapes)
+      end do
+      squares = better
+      if (most < small .and. all(names == [(i, i=1, size(names))])) exit
+    end do
+  end subroutine refine
+
+  !> K r - omega^2 M r.
+  pure function residual(mass, stiffness, square, shape_of) result(left)
+    real(wp), intent(in) :: mass(:, :), stiffness(:, :), square, shape_of(:)
+    real(wp) :: left(size(shape_of))
+    real(real128) :: total(size(shape_of))
+    integer :: i, k
+
+    total = 0.0_real128
+    do k = 1, size(shape_of)
+      do i = 1, size(shape_of)
+        if (.not. (abs(stiffness(i, k)) > 0.0_wp .or. abs(mass(i, k)) > 0.0_wp)) cycle
+        total(i) = total(i) + (real(stiffness(i, k), real128) &
+                               - real(square, real128)*mass(i, k))*shape_of(k)
+      end do
+    end do
+    left = real(total, wp)
+  end function residual
+
+  !> E, 0 of pairs of which it tells nothing; modes to be taken apart together have one name.
+  pure subroutine find_changes(squares, off, change, names)
+    real(wp), intent(in) :: squares(:), off(:, :)
+    real(wp), intent(out) :: change(:, :)
+    integer, intent(out) :: names(:)
+    real(wp) :: apart, lost
+    integer :: i, j, one, other
+
+    change = 0.0_wp
+    names = [(i, i=1, size(names))]
+    do j = 1, size(squares)
+      do i = 1, size(squares)
+        if (i == j) cycle
+        apart = squares(j) - squares(i)
+        if (abs(off(i, j)) < large*abs(apart)) then
+          change(i, j) = off(i, j)/apart
+          cycle
+        end if
+        lost = rounding*max(abs(squares(i)), abs(squares(j)), rounding*maxval(abs(squares)))
+        if (abs(off(i, j)) > lost) then
+          one = min(names(i), names(j))
+          other = max(names(i), names(j))
+          where (names == other) names = one
+        end if
+      end do
+    end do
+    do j = 1, size(names)
+      where (names == names(j)) change(:, j) = 0.0_wp
+    end do
+  end subroutine find_changes
+
+  !> The modes of what some modes span.
+  pure subroutine take_apart(group, off, moving, squares, better, shapes)
+    integer, intent(in) :: group(:)
+    !> r_i^T w_j and r_i^T M r_j of all modes, of squares as they were.
+    real(wp), intent(in) :: off(:, :), moving(:, :), squares(:)
+    real(wp), intent(inout) :: better(:), shapes(:, :)
+    real(wp), dimension(size(group), size(group)) :: block, turn
+    real(wp) :: middle
+    integer :: j
+
+    middle = sum(squares(group))/size(group)
+    do j = 1, size(group)
+      block(:, j) = off(group, group(j)) + moving(group, group(j))*(squares(group(j)) - middle)
+    end do
+    block = 0.5_wp*(block + transpose(block))
+    call rotate_to_diagonal(block, turn)
+    shapes(:, group) = matmul(shapes(:, group), turn)
+    do j = 1, size(group)
+      better(group(j)) = middle + block(j, j)
+    end do
+  end subroutine take_apart
 
 end module viscovib_symmetric_modes

@@ -109,6 +109,30 @@ def test_motion_is_that_of_the_equations(solve, tmp_path):
         assert table[name] == pytest.approx(row, abs=1e-9)
 
 
+@pytest.mark.parametrize("stiff", [1e2, 1e5, 1e8])
+@pytest.mark.parametrize("n", [2, 12])
+def test_soft_motions_beside_stiff_springs(solve, tmp_path, n, stiff):
+    """Two chains whose masses are joined by stiff springs move as one chain does."""
+    one = 2 * np.eye(n) - np.eye(n, k=1) - np.eye(n, k=-1)
+    whole = np.kron(np.eye(2), one) + stiff * np.kron([[1, -1], [-1, 1]], np.eye(n))
+    start, t = np.linalg.solve(one, np.eye(n)[1]), 10.0
+
+    def told(numbers):
+        return " ".join(repr(float(x)) for x in np.ravel(numbers))
+
+    (tmp_path / "twins.nml").write_text(
+        f"&structure size={2 * n} mass={told(np.ones(2 * n))} stiffness={told(whole)} /\n"
+        f"&transient t_end={t} tolerance=1e-9 keep='last' coordinates='x1' 'x2' "
+        f"initial={told(np.outer(np.tile(start, 2), [1, 0]))} /\n"
+    )
+    assert solve(tmp_path / "twins.nml", "--out", tmp_path).returncode == 0
+    table = read_csv(tmp_path / "twins_transient.csv")
+    angles = np.arange(1, n + 1) * np.pi / (2 * n + 2)
+    waves = np.sin(2 * np.outer(np.arange(1, n + 1), angles)) * np.sqrt(2 / (n + 1))
+    true = waves @ (np.cos(2 * np.sin(angles) * t) * (waves.T @ start))
+    assert [float(table["x1"]), float(table["x2"])] == pytest.approx(true[:2], abs=2e-14)
+
+
 def test_python_writes_the_same(solve, tmp_path):
     path = tmp_path / "coupled.nml"
     path.write_text(MOTIONS["coupled"])
