@@ -29,6 +29,7 @@ import rubber
 import skips
 import steady
 import structures
+import switches
 from combined import draw_methods
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
@@ -217,6 +218,16 @@ def of_memory(out: Path) -> Part:
             f"{show_time(row['seconds'])} |"
             for row in part
         ]
+    switched = switches.run()
+    write_csv(out / "memory_switches.csv", switched)
+    lines += ["", "| switches beside memory to t = 20 | setting | error | time |"]
+    lines += ["| --- | --- | --- | --- |"]
+    lines += [
+        f"| {row['method']} | {row['setting']} | "
+        f"{'the judge' if row['error'] is None else show_error(row['error'])} | "
+        f"{show_time(row['seconds'])} |"
+        for row in switched
+    ]
     lines += ["", "| steps of a motion with memory | a step |", "| --- | --- |"]
     lines += [f"| {row['steps']} | {show_time(row['seconds_a_step'])} |" for row in growth]
     return lines, {"motion with memory to t = 100": rows, "motion with memory to t = 1": short}
