@@ -10,6 +10,8 @@
 !!
 !! whose factors are read anyway: it waits in the place of c_(n+1), which an odd coefficient ends.
 !! What two products need is read one turn of the loop ahead: else gfortran 12 reads it for each.
+!! Loops that make one turn at least say so, by an exit at their end: else it keeps all sums in
+!! memory before and behind them, where no turn may come between.
 module viscovib_wide_series
   use viscovib_kinds, only: wp
   use viscovib_lanes, only: n_lanes
@@ -93,9 +95,12 @@ contains
       do p = 1, n_blocks, 2
         call begin_product(a(1, p, 0), b(1, p, n), a(1, p, 1), s1, t1, before1, x1)
         call begin_product(a(1, p + 1, 0), b(1, p + 1, n), a(1, p + 1, 1), s2, t2, before2, x2)
-        do j = 1, n - 1
+        j = 1
+        do
           call add_two(s1, t1, before1, x1, b(1, p, n - j), a(1, p, j + 1))
           call add_two(s2, t2, before2, x2, b(1, p + 1, n - j), a(1, p + 1, j + 1))
+          j = j + 1
+          if (j == n) exit
         end do
         call put_two(c, s1, t1, before1, x1, b(1, p, 0), term(1, p, 1), term(1, p, 2))
         call put_two(c, s2, t2, before2, x2, b(1, p + 1, 0), term(1, p + 1, 1), term(1, p + 1, 2))
@@ -130,11 +135,14 @@ contains
         call begin_product(a(1, p, 0), y(1, p, n), a(1, p, 1), s2, t2, before2, x1)
         call begin_product(a(1, q, 0), x(1, q, n), a(1, q, 1), s3, t3, before3, x2)
         call begin_product(a(1, q, 0), y(1, q, n), a(1, q, 1), s4, t4, before4, x2)
-        do j = 1, n - 1
+        j = 1
+        do
           call add_four(s1, t1, before1, s2, t2, before2, x1, x(1, p, n - j), y(1, p, n - j), &
                         a(1, p, j + 1))
           call add_four(s3, t3, before3, s4, t4, before4, x2, x(1, q, n - j), y(1, q, n - j), &
                         a(1, q, j + 1))
+          j = j + 1
+          if (j == n) exit
         end do
         call put_two(c, s1, t1, before1, x1, x(1, p, 0), term(1, p, 1), term(1, p, 2))
         call put_two(d, s2, t2, before2, x1, y(1, p, 0), other(1, p, 1), other(1, p, 2))
@@ -165,9 +173,12 @@ contains
       do p = 1, n_blocks, 2
         call begin_square(a(1, p, 0), a(1, p, n), s1, t1, before1, y1)
         call begin_square(a(1, p + 1, 0), a(1, p + 1, n), s2, t2, before2, y2)
-        do j = 1, n/2
+        j = 1
+        do
           call add_two_before(s1, t1, before1, y1, a(1, p, j), a(1, p, n - j))
           call add_two_before(s2, t2, before2, y2, a(1, p + 1, j), a(1, p + 1, n - j))
+          j = j + 1
+          if (j > n/2) exit
         end do
         call put_square(c, s1, before1, term(1, p, 1))
         call put_square(c, s2, before2, term(1, p + 1, 1))
