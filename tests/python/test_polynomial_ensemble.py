@@ -150,3 +150,13 @@ def test_large_angles_beside_small_ones(law):
     force = {"0.3": 0.3 * np.sin(1e6 * at)}.get(law[:3], 0 * at)
     brief = vv.simulate_ensemble(system, initial=starts, **{**call, "t_end": 1e-9, "dt": 1e-9})
     np.testing.assert_allclose(brief.state[:, 1], -(at + force) * 1e-9, rtol=1e-2)
+
+
+@pytest.mark.parametrize("forces", ["x^3", "x^3 + max(x - 0.1, 0)"])
+def test_a_factor_of_nothing_is_refused_at_once(forces):
+    """Side by side and run by run, before any motion."""
+    system = vv.PolynomialSystem(mass=1, stiffness=2, forces=forces)
+    with pytest.raises(vv.InputError, match=r"^parameters: 'damping_scale': all of it is 0$"):
+        vv.simulate_ensemble(
+            system, initial=[0.1, 0], t_end=1, parameters={"damping_scale": [1.0, 2.0]}
+        )

@@ -111,7 +111,14 @@ def entry(matrix, places, value):
         ),
         ("mass_scale", (1, 1.3), lambda p: two(mass=p * np.array(TWO["mass"]))),
         ("damping_scale", (1, 0.5), lambda p: two(damping=p * np.array(TWO["damping"]))),
-        ("stiffness_scale", (1, 1.2), lambda p: two(stiffness=p * np.array(TWO["stiffness"]))),
+        (
+            "stiffness_scale",
+            (1, 1.2),
+            lambda p: two(
+                {"stiffness": p * np.array([[1.0, -1.0], [-1.0, 1.0]])},
+                stiffness=p * np.array(TWO["stiffness"]),
+            ),
+        ),
         (
             "springs[0].stiffness_scale",
             (0, 2),
@@ -125,8 +132,11 @@ def entry(matrix, places, value):
         ("springs[0].forces[a,a^2]", (0, 0.6), lambda p: two({"forces": {"a": f"{p!r}*a^2"}})),
         (
             "forces_scale",
-            (0, 2),
-            lambda p: two(forces={"a": f"{p!r}*(0.3*a^3 + 0.2*a*b^2)", "b": f"{p!r}*0.1*b^3"}),
+            (0.2, 2),
+            lambda p: two(
+                {"forces": {"a": f"{p!r}*0.4*a^2"}},
+                forces={"a": f"{p!r}*(0.3*a^3 + 0.2*a*b^2)", "b": f"{p!r}*0.1*b^3"},
+            ),
         ),
         (
             "memory_scale",

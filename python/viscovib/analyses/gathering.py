@@ -27,6 +27,7 @@ from viscovib.systems.mount import Mount
 from viscovib.systems.pendulum import Pendulum
 from viscovib.systems.polynomial_system import PolynomialSystem
 from viscovib.systems.structure import Structure
+from viscovib.systems.varying import varied
 from viscovib.systems.whole import switches, whole_system
 
 #: Coordinates of a polynomial system in the vector unit at most, and with disturbances.
@@ -55,6 +56,10 @@ def members_of(
             if value is not None:
                 raise InputError(f"{name}: a Pendulum has its loads in itself, must be None")
         return PendulumMembers(system, initial, given, method)
+    if type(system) is PolynomialSystem:
+        for name in given:
+            if name in SCALES[1:]:
+                _check_scale(system, name)
     few = None if surface is not None else side_by_side(system, given, lyapunov)
     if few is None:
         if method == TAYLOR:
@@ -90,6 +95,14 @@ def members_of(
         return systems_one_by_one(made_with, next(iter(values.values())).size)
 
     return PolynomialMembers(few, initial, given, load, nu, method, alone, with_parameters)
+
+
+def _check_scale(system: PolynomialSystem, name: str) -> None:
+    """Refuse to scale what is not there, before any run."""
+    try:
+        varied(system, name, 1.0, 1.0)
+    except InputError as error:
+        raise InputError(str(error).replace(f"vary = {name!r}", f"parameters: {name!r}")) from None
 
 
 def side_by_side(

@@ -133,8 +133,9 @@ def trace_response(
         `PolynomialSystem` an entry, "stiffness[x1,x2]" (for one coordinate "stiffness"), also of
         mass or damping, with its mirror image if that has the same value; a coefficient of the
         forces, "forces[x1,x1^2*x2]" ("forces[x^3]"); or a factor of the whole, "mass_scale",
-        "damping_scale", "stiffness_scale", "forces_scale", "memory_scale" (of all kernels).
-        "springs[0]." before it means those springs. Of a `Structure` "elements[0].stiffness",
+        "damping_scale", "stiffness_scale", "forces_scale" (those of all springs too),
+        "memory_scale" (of all kernels). "springs[0]." before it means those springs alone.
+        Of a `Structure` "elements[0].stiffness",
         "elements[0].k3" (k3 a parameter of its law), "elements[0].limit", ".gap" and other numbers
         of `Jenkins`, `BoucWen`, `Dahl`, `Gap` and `Stop`, or "memory_scale"; modal damping stays.
         Of a `Body` "mass", "inertia_scale", "center[x]", "mounts[front].stiffness[z]" (its local

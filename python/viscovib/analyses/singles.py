@@ -361,19 +361,9 @@ def _scaled(system: PolynomialSystem, numbers: Mapping[str, float]) -> Polynomia
         )
     flat = system._flat.copy()
     for name, value in numbers.items():
-        what = name.removesuffix("_scale")
-        names = [name]
-        if what in ("stiffness", "forces"):
-            names += [f"springs[{j}].{name}" for j in range(len(system.groups) - 1)]
-        for j, key in enumerate(names):
-            group = system.groups[j]
-            if what == "stiffness" and not group.stiffness.any():
-                continue
-            if what == "forces" and not group.forces and not group.laws:
-                continue
-            found = varied(system, key, value, value)
-            at = found.direction != 0
-            flat[at] = found.at(value)[at]
+        found = varied(system, name, value, value)
+        at = found.direction != 0
+        flat[at] = found.at(value)[at]
     other = copy(system)
     other.__dict__["_vector"] = flat
     return other

@@ -139,35 +139,25 @@ def _of_polynomial(system: PolynomialSystem, name: object) -> Varied:
         if not system._active_kernels:
             raise InputError("vary = 'memory_scale': the system has no kernel")
         return _entries(str(name), flat, {_MEMORY: 1.0})
-    if what == "forces":
-        places = _forces(system, group)
-    else:
-        first = {"mass": _HEAD, "damping": _HEAD + n * n}.get(what, 0)
-        first = first or _HEAD + 2 * n * n + n + group * (1 + n * n) + 1
-        places = {(names[i], names[j]): first + i + n * j for i in range(n) for j in range(n)}
-    own = system.groups[group]
-    staying: dict[int, float] = {}
-    if what == "stiffness" and own.law_slopes is not None:
-        staying = {
-            i: float(own.law_slopes[names.index(on), names.index(by)])
-            for (on, by), i in places.items()
-        }
-    if what == "damping":
-        linear = np.asarray(system.damping, dtype=float)
-        staying = {
-            i: float((system._damping - linear)[names.index(on), names.index(by)])
-            for (on, by), i in places.items()
-        }
-    if kind == "_scale" and what == "forces" and own.laws:
-        raise InputError(
-            f"vary = {name!r}: must not scale laws with functions, only polynomials can be scaled"
-        )
     if kind == "_scale":
-        weights = {i: float(flat[i]) - staying.get(i, 0.0) for i in places.values()}
+        # Of the whole system, unless springs are named.
+        every = range(len(system.groups)) if what in ("stiffness", "forces") else (0,)
+        weights: dict[int, float] = {}
+        staying: dict[int, float] = {}
+        for one in every if form[1] is None else (group,):
+            if what == "forces" and system.groups[one].laws:
+                raise InputError(
+                    f"vary = {name!r}: must not scale laws with functions, only polynomials can "
+                    "be scaled"
+                )
+            places, fixed = _places(system, what, one)
+            weights |= {i: float(flat[i]) - fixed.get(i, 0.0) for i in places.values()}
+            staying |= fixed
         weights = {i: weight for i, weight in weights.items() if weight}
         if not weights:
             raise InputError(f"vary = {name!r}: all of it is 0")
         return _entries(str(name), flat, weights, staying)
+    places, staying = _places(system, what, group)
     key = _key(system, str(name), what, form[4])
     if key not in places:
         allowed = ", ".join(f"{on}: {spell(powers, names)}" for on, powers in places)
@@ -179,6 +169,28 @@ def _of_polynomial(system: PolynomialSystem, name: object) -> Varied:
         if flat[there] - staying.get(there, 0.0) == flat[here] - staying.get(here, 0.0):
             weights[there] = 1.0
     return _entries(str(name), flat, weights, staying)
+
+
+def _places(
+    system: PolynomialSystem, what: str, group: int
+) -> tuple[dict[tuple[Any, Any], int], dict[int, float]]:
+    """Where entries of a group stand among the numbers, and what laws add to them at rest."""
+    if what == "forces":
+        return _forces(system, group), {}
+    names, n = system.dof_names, len(system.dof_names)
+    first = {"mass": _HEAD, "damping": _HEAD + n * n}.get(what, 0)
+    first = first or _HEAD + 2 * n * n + n + group * (1 + n * n) + 1
+    places = {(names[i], names[j]): first + i + n * j for i in range(n) for j in range(n)}
+    added: Any = None
+    if what == "stiffness":
+        added = system.groups[group].law_slopes
+    elif what == "damping":
+        added = system._damping - np.asarray(system.damping, dtype=float)
+    if added is None:
+        return places, {}
+    return places, {
+        i: float(added[names.index(on), names.index(by)]) for (on, by), i in places.items()
+    }
 
 
 def _forces(system: PolynomialSystem, group: int) -> dict[tuple[Any, Any], int]:
