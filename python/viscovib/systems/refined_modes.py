@@ -87,6 +87,8 @@ def refined_poles(
     bits = _bits_for(np.abs(poles) ** 2)
     if not bits:
         return poles, left, right
+    # Poles that are all real may come in real numbers: those of a saddle.
+    poles, left, right = (one.astype(complex) for one in (poles, left, right))
     pencil = _Pencil(mass, damping, stiffness, bits)
     turned = pencil
     if any((part != part.T).any() for part in (mass, damping, stiffness)):
