@@ -10,8 +10,8 @@ module viscovib_curve_branch
   use viscovib_curve_corrector, only: aim, compare, correct, corrector_type, new_corrector
   use viscovib_curve_events, only: locate_branch_point, locate_fold, locate_value, nowhere
   use viscovib_curve_options, only: curve_options, curve_options_from, curve_table
-  use viscovib_curve_point, only: angle_between, copy_point, curve_point, distance, new_point, &
-    normalize, reverse
+  use viscovib_curve_point, only: angle_between, copy_point, curve_point, distance, &
+    goes_to_and_fro, haunt_type, new_point, normalize, reverse
   use viscovib_curve_record, only: curve_branch_type, curve_closed, curve_completed, &
     curve_fold_limit, curve_outcomes, curve_overflow, curve_returned, curve_step_limit, &
     curve_stopped, curve_stuck, curve_unphysical
@@ -48,6 +48,7 @@ module viscovib_curve_branch
     type(curve_options) :: options
     type(corrector_type) :: corrector
     type(curve_point) :: points(3), first, stop_point
+    type(haunt_type) :: haunt
     !> Three of those points, by turns.
     type(curve_point), pointer :: before => null(), here => null(), next => null()
     !> Wanted values, and the steps to those met since `here`.
@@ -260,6 +261,10 @@ contains
     call branch%add(f%next, at_stop(f, f%next%p), f%truncation)
     ended = f%away .and. apart < f%step
     if (ended) branch%outcome = curve_closed
+    if (.not. ended .and. goes_to_and_fro(f%haunt, f%corrector, f%next)) then
+      ended = .true.
+      branch%outcome = curve_stuck
+    end if
     if (branch%folds%n >= f%options%max_folds .and. .not. ended) then
       ended = .true.
       branch%outcome = curve_fold_limit

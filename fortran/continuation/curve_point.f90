@@ -5,7 +5,8 @@ module viscovib_curve_point
   private
 
   public :: curve_metric, curve_point
-  public :: angle_between, copy_point, distance, metric, new_point, normalize, off_at_value, reverse
+  public :: angle_between, copy_point, distance, goes_to_and_fro, haunt_type, metric, new_point, &
+            normalize, off_at_value, reverse
 
   !> A point of the curve with its unit tangent and what its bordered determinant is.
   type :: curve_point
@@ -18,6 +19,18 @@ module viscovib_curve_point
     !! what the last correction leaves, and rounding.
     real(wp) :: error = 0.0_wp, off = 0.0_wp
   end type curve_point
+
+  !> Where the curve last got away from, and how many points it has had since.
+  type :: haunt_type
+    type(curve_point) :: anchor
+    integer :: n = 0
+  end type haunt_type
+
+  !> More points than that within so short a way go to and fro: grazing a law that jumps the curve
+  !! may have an edge at which it turns back on itself, and steps pass it both ways without end.
+  !! Steps that shrink to the least before an edge and grow again behind it take some thirty.
+  integer, parameter :: most_points = 50
+  real(wp), parameter :: hardly_away = 1.0e-5_wp
 
   !> What lengths are measured by: the weight of each unknown, the size of the parameters met and
   !! that of the largest solution so far.
@@ -95,6 +108,21 @@ contains
     call metric(c, b, weight_x, weight_p)
     distance = sqrt(weight_x*sum(c%weights*(a%x - b%x)**2) + weight_p*(a%p - b%p)**2)
   end function distance
+
+  !> Whether the curve does not get away from where it is, which `point` is added to.
+  logical function goes_to_and_fro(haunt, c, point) result(it_does)
+    type(haunt_type), intent(inout) :: haunt
+    class(curve_metric), intent(in) :: c
+    type(curve_point), intent(in) :: point
+    logical :: away
+
+    haunt%n = haunt%n + 1
+    away = .not. allocated(haunt%anchor%x)
+    if (.not. away) away = size(haunt%anchor%x) /= size(point%x)
+    if (.not. away) away = distance(c, haunt%anchor, point) > hardly_away
+    if (away) haunt = haunt_type(point)
+    it_does = haunt%n > most_points
+  end function goes_to_and_fro
 
   !> How far off x is at its value of p, relative to its size, if (x, p) is off by this: what lies
   !! along the curve is no error of x alone, x - t_x p/t_p is, t being the tangent. At a fold, where

@@ -190,6 +190,19 @@ def test_branches_pass_grazing(force, damping, load, orders):
     assert branch.outcome == "completed"
 
 
+@pytest.mark.filterwarnings("ignore::viscovib.ConvergenceWarning")
+def test_a_branch_that_turns_back_on_itself_ends_soon():
+    """Where a law that jumps is grazed: steps went to and fro for 1029 points."""
+    system = vv.PolynomialSystem(
+        mass=[1, 1], stiffness=[[2, -1], [-1, 2]], damping=[[0.06, -0.02], [-0.02, 0.06]],
+        names=["x", "y"], forces={"x": "where(x < -0.3714, 5.8204*(x + 0.1)^3, 0)"},
+    )  # fmt: skip
+    branch = vv.trace_response(system, (1.5, 2), load=[0.3, 0], harmonics=41, stability=False)
+    assert branch.outcome == "stuck"
+    there = np.abs(branch.nu - branch.nu[-1]) < 1e-6
+    assert 10 < there.sum() < 70
+
+
 def test_parameters_of_laws_vary():
     """A branch over a number in a law passes through motions of systems that have that number."""
 

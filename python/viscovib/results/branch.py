@@ -78,9 +78,9 @@ class Branch(PeriodicMotions, Curve):
         Which points lie at the values asked for.
     outcome : str
         "completed"; "returned": back at the beginning, another branch leads on; "step limit":
-        max_points reached; "fold limit": max_folds reached; "stuck": no smaller step helps;
-        "overflow"; "closed": back at the first point; "unphysical": at the end of the values that
-        make a system.
+        max_points reached; "fold limit": max_folds reached; "stuck": no smaller step helps,
+        or steps go to and fro; "overflow"; "closed": back at the first point; "unphysical": at the
+        end of the values that make a system.
     error : ndarray, shape (n,)
         Estimated error of the motion of each point at its value of what varies, relative to its
         size: what the last correction and rounding leave. At very light damping that is rounding
