@@ -118,8 +118,8 @@ contains
     n_above_one = 0
     do i = 1, size(exponents)
       if (ieee_is_nan(real(exponents(i)))) return
-      if (real(exponents(i)) > 0.0_wp .and. abs(aimag(exponents(i))) < on_the_line*nu) &
-        n_above_one = n_above_one + 1
+      if (real(exponents(i)) <= 0.0_wp) cycle
+      if (abs(aimag(exponents(i))) < on_the_line*nu) n_above_one = n_above_one + 1
     end do
   end function n_above_one
 
