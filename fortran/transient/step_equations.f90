@@ -18,6 +18,8 @@ module viscovib_step_equations
   public :: step_equations_type, new_step_equations
 
   integer, parameter :: max_iterations = 50
+  !> A correction whose powers may pass the range of numbers: iterations go on to no motion there.
+  real(wp), parameter :: out_of_reach = 1.0e30_wp
   !> Contraction beyond which Newton's method takes over, and turns before it is judged.
   real(wp), parameter :: slow = 0.25_wp
   integer, parameter :: patience = 2
@@ -193,7 +195,7 @@ contains
       if (before > change .and. turn > 1) expected = change*(change/before)
       made = expected <= self%solved*size_of &
              .or. (change >= 0.5_wp*before .and. change <= rounding*(size_of + maxval(abs(u))))
-      if (made .or. .not. change <= huge(1.0_wp)) return
+      if (made .or. .not. change <= out_of_reach) return
       if (turn >= patience .and. change > slow*before) newton = .true.
       before = change
     end do
