@@ -305,3 +305,17 @@ def test_the_end_asked_for_is_inside_the_run():
         assert run(end) == pytest.approx(run.state[-1], abs=1e-12)
         with pytest.raises(vv.InputError, match="must be in"):
             run(end * (1 + 1e-9))
+
+
+@pytest.mark.parametrize("n", [65, 80])
+def test_a_large_structure_that_only_its_start_moves(n):
+    """No load and no element choose what is kept: the first coordinate, as by the driver."""
+    system = vv.Structure(mass=np.ones(n), stiffness=chain(n))
+    run = vv.simulate(system, 10.0, initial=[0.1, 0] * n, tolerance=1e-9, keep="last")
+    flow = expm(10 * np.block([[np.zeros((n, n)), np.eye(n)], [-chain(n), np.zeros((n, n))]]))
+    assert run.dof_names == ("x1",)
+    assert run.state[-1, 0] == pytest.approx(0.1 * flow[0, :n].sum(), abs=1e-13)
+    every = vv.simulate(
+        system, 10.0, initial=[0.1, 0] * n, tolerance=1e-9, coordinates=system.dof_names[:3]
+    )
+    assert every.state[-1, 0] == pytest.approx(run.state[-1, 0], abs=1e-14)

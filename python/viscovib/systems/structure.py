@@ -481,6 +481,8 @@ class Structure:
             touched = loaded.forces.any(axis=1)
             for element in self._all_elements:
                 touched |= element.direction != 0
+            # Without loads and elements the start alone moves it: one is shown, as by the driver.
+            touched[0] |= not touched.any()
             return np.flatnonzero(touched)[:_ALL_GIVEN]
         return self._chosen(coordinates)
 
