@@ -482,8 +482,8 @@ class Structure:
             for element in self._all_elements:
                 touched |= element.direction != 0
             # Without loads and elements the start alone moves it: one is shown, as by the driver.
-            touched[0] |= not touched.any()
-            return np.flatnonzero(touched)[:_ALL_GIVEN]
+            places = np.flatnonzero(touched)[:_ALL_GIVEN]
+            return places if places.size else np.arange(1)
         return self._chosen(coordinates)
 
     def _chosen(self, coordinates: Any) -> npt.NDArray[np.intp]:
