@@ -16,8 +16,8 @@ subroutine mount_branch(flat, n_flat, kind_x, data_x, n_x, kind_phi, data_phi, n
                         curve_packed, n_packed, harmonics, symmetric, max_points, &
                         leave, begin, begin_p, along, n_unknowns, n_judged, n_kept, max_special, &
                         cancel, n_points, ended, n_used, p, iterations, error, off, kept, &
-                        truncation, coefficients, is_stop, n_folds, &
-                        folds, fold_coefficients, n_branch_points, branch_points, branch_point_x, &
+                        truncation, missed, coefficients, is_stop, n_folds, &
+                        folds, fold_errors, fold_coefficients, n_branch_points, branch_points, branch_point_x, &
                         across, branch_before, stable, growing, multipliers, exponents, &
                         n_crossings, kinds, before, crossings, crossing_coefficients, allowed, &
                         status)
@@ -62,11 +62,14 @@ subroutine mount_branch(flat, n_flat, kind_x, data_x, n_x, kind_phi, data_phi, n
   !! others.
   integer(c_int), intent(out) :: kept(max_points)
   real(c_double), intent(out) :: truncation(max_points)
+  !> How far that is off the curve.
+  real(c_double), intent(out) :: missed(max_points)
   !> Relative error that was allowed.
   real(c_double), intent(out) :: allowed(max_points)
   complex(c_double_complex), intent(out) :: coefficients(n_kept, n_rows - 1, max_points)
   !> Of special points, at most max_special of a kind.
-  real(c_double), intent(out) :: folds(max_special), branch_points(max_special)
+  real(c_double), intent(out) :: folds(max_special), fold_errors(max_special)
+  real(c_double), intent(out) :: branch_points(max_special)
   complex(c_double_complex), intent(out) :: fold_coefficients(n_kept, n_rows - 1, max_special)
   real(c_double), intent(out) :: branch_point_x(n_unknowns, max_special)
   real(c_double), intent(out) :: across(n_unknowns + 1, max_special)
@@ -144,6 +147,7 @@ subroutine mount_branch(flat, n_flat, kind_x, data_x, n_x, kind_phi, data_phi, n
       n_points = branch%n_points
       kept(:n_points) = branch%kept(:n_points)/(2*(n_rows - 1))
       truncation(:n_points) = branch%truncation(:n_points)
+      missed(:n_points) = branch%missed(:n_points)
       allowed(:n_points) = branch%allowed
       ended = branch%outcome
       p(:n_points) = branch%parameter(:n_points)
@@ -155,6 +159,7 @@ subroutine mount_branch(flat, n_flat, kind_x, data_x, n_x, kind_phi, data_phi, n
       is_stop(branch%stops) = 1
       n_folds = min(branch%folds%n, max_special)
       folds(:n_folds) = branch%folds%p(:n_folds)
+      fold_errors(:n_folds) = branch%folds%error(:n_folds)
       call to_complex(branch%folds%x(:, :n_folds), fold_coefficients(:n_used, :, :n_folds))
       n_branch_points = min(branch%branch_points%n, max_special)
       associate (n => n_branch_points)
@@ -179,7 +184,7 @@ subroutine mount_branch(flat, n_flat, kind_x, data_x, n_x, kind_phi, data_phi, n
       end if
       call find_crossings(judge, curve, nu, p(:n_points), branch%x(:, :n_points), stability, &
                           branch%folds, branch%branch_points, found_crossings, cancel(1))
-      call doubt_curve(judge, curve, nu, p(:n_points), motions, branch%truncation(:n_points), &
+      call doubt_curve(judge, curve, nu, p(:n_points), motions, branch%missed(:n_points), &
                        branch%allowed, stability, cancel(1))
       call fill_stability(stability, stable, multipliers, exponents)
       growing(:n_points) = stability%n_growing

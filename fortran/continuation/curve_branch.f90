@@ -15,7 +15,8 @@ module viscovib_curve_branch
   use viscovib_curve_record, only: curve_branch_type, curve_closed, curve_completed, &
     curve_fold_limit, curve_outcomes, curve_overflow, curve_returned, curve_step_limit, &
     curve_stopped, curve_stuck, curve_unphysical
-  use viscovib_curve_rounding, only: all_patterns, least_error, rounding_of, truncation_shift
+  use viscovib_curve_rounding, only: all_patterns, least_error, place_error, &
+    rounding_of, truncation_shift
   use viscovib_kinds, only: wp
   use viscovib_sized_curve, only: refitted, sized_curve_type
   use viscovib_stopping, only: begin_piece, is_set, stop_wanted
@@ -54,8 +55,9 @@ module viscovib_curve_branch
     !> Wanted values, and the steps to those met since `here`.
     real(wp), allocatable :: stops(:), places(:)
     real(wp) :: step = 0.0_wp, sign_wanted = 1.0_wp
-    !> Of the point examined last, and what of it is rounding.
-    real(wp) :: truncation = 0.0_wp, rounding = 0.0_wp
+    !> Of the point measured last: how large the unknowns left out are, and what is rounding of what
+    !! they change.
+    real(wp) :: own = 0.0_wp, rounding = 0.0_wp
     !> Of the step just made: the angle between its tangents, and how far it lies off.
     real(wp) :: angle = 0.0_wp, off = 0.0_wp
     !> Whether it began by leaving a branch point, and whether it has left its first point.
@@ -93,7 +95,7 @@ contains
       call begin(f, branch, made)
       if (.not. made) return
     end if
-    call branch%add(f%here, at_stop(f, f%here%p), f%truncation)
+    call branch%add(f%here, at_stop(f, f%here%p))
     branch%outcome = curve_step_limit
     call copy_point(f%here, f%first)
     do while (branch%n_points < options%max_points)
@@ -258,7 +260,7 @@ contains
     if (branch%n_points == f%options%max_points) return
     apart = distance(f%corrector, f%first, f%next)
     if (apart > 3.0_wp*max(f%step, first_step)) f%away = .true.
-    call branch%add(f%next, at_stop(f, f%next%p), f%truncation)
+    call branch%add(f%next, at_stop(f, f%next%p))
     ended = f%away .and. apart < f%step
     if (ended) branch%outcome = curve_closed
     if (.not. ended .and. goes_to_and_fro(f%haunt, f%corrector, f%next)) then
@@ -292,22 +294,31 @@ contains
   subroutine examine(f, again)
     type(follower_type), intent(inout) :: f
     logical, intent(out) :: again
-    real(wp) :: pushed(f%curve%n), short, own, moved, blurred, error, off
-    call f%sized%left_out(f%next%x, f%next%p, pushed, short, own)
-    call truncation_shift(f%corrector, f%next, pushed, moved)
-    f%truncation = max(own, short*moved)
+    call measure(f, f%next)
+    call f%sized%choose_size(f%next%x, f%next%missed, f%own, f%rounding, again)
+  end subroutine examine
+
+  !> What the unknowns left out change of a point just corrected, if their number is chosen.
+  subroutine measure(f, point)
+    type(follower_type), intent(inout) :: f
+    type(curve_point), intent(inout) :: point
+    real(wp) :: pushed(f%curve%n), short, moved, at_value, blurred, error, off
+    if (.not. associated(f%sized)) return
+    call f%sized%left_out(point%x, point%p, pushed, short, f%own)
+    call truncation_shift(f%corrector, point, pushed, moved, at_value)
+    point%missed = max(f%own, short*moved)
+    point%truncation = max(point%missed, min(1.0_wp, short*at_value))
     f%rounding = 0.0_wp
     ! Of what is hardly there the push may be rounding.
-    if (f%truncation > f%options%tolerance .and. own <= f%options%tolerance) then
-      call rounding_of(f%curve, f%corrector, f%next, blurred, all_patterns)
-      call least_error(f%curve, f%corrector, f%next, error, off)
+    if (point%missed > f%options%tolerance .and. f%own <= f%options%tolerance) then
+      call rounding_of(f%curve, f%corrector, point, blurred, all_patterns)
+      call least_error(f%curve, f%corrector, point, error, off)
       if (moved <= max(as_rounding*blurred, off)) then
         f%rounding = max(moved, blurred)
-        f%truncation = max(own, f%rounding)
+        point%missed = max(f%own, f%rounding)
       end if
     end if
-    call f%sized%choose_size(f%next%x, f%truncation, own, f%rounding, again)
-  end subroutine examine
+  end subroutine measure
 
   !> What rounding leaves of a point just corrected.
   subroutine blur(f, point)
@@ -376,12 +387,15 @@ contains
     type(follower_type), intent(inout) :: f
     type(curve_branch_type), intent(inout) :: branch
     real(wp), intent(in) :: ahead
+    type(curve_point) :: fold
     real(wp) :: at_fold, at_branch_point
     integer :: n_before
     at_fold = nowhere
     at_branch_point = nowhere
     if (f%here%slope_p*f%next%slope_p < 0.0_wp .and. .not. leaving(f, branch)) then
-      call locate_fold(f%curve, f%corrector, f%here, ahead, branch%folds, at_fold)
+      call locate_fold(f%curve, f%corrector, f%here, ahead, branch%folds, at_fold, fold)
+      if (at_fold < nowhere) call place_error(f%curve, f%corrector, fold, &
+                                              branch%folds%error(branch%folds%n))
     end if
     if (sign_changes(f, branch)) then
       call locate_branch_point(f%curve, f%corrector, f%here, ahead, branch%branch_points, &
@@ -430,8 +444,9 @@ contains
       call locate_value(f%curve, f%corrector, f%here, from, to, last, f%stop_point, at, made)
       if (.not. made) return
       f%places = [f%places, at]
+      call measure(f, f%stop_point)
       call blur(f, f%stop_point)
-      call branch%add(f%stop_point, .true., f%truncation)
+      call branch%add(f%stop_point, .true.)
     end do
   end subroutine add_stops
 
@@ -446,10 +461,11 @@ contains
     call locate_value(f%curve, f%corrector, f%here, 0.0_wp, f%step, end, f%next, at, made)
     branch%outcome = merge(outcome, curve_stuck, made)
     if (.not. made) return
+    call measure(f, f%next)
     call blur(f, f%next)
     call record_events(f, branch, at)
     if (branch%n_points < f%options%max_points) then
-      call branch%add(f%next, at_stop(f, f%next%p), f%truncation)
+      call branch%add(f%next, at_stop(f, f%next%p))
     else
       branch%outcome = curve_step_limit
     end if
@@ -469,11 +485,12 @@ contains
     call correct(f%curve, f%corrector, upright, 0.0_wp, f%next, made, .true.)
     if (.not. made) return
     branch%outcome = curve_completed
+    call measure(f, f%next)
     call blur(f, f%next)
     f%next%p = f%options%finish
     if (f%next%slope_p*f%sign_wanted < 0.0_wp) call reverse(f%next)
     if (branch%n_points < f%options%max_points) then
-      call branch%add(f%next, at_stop(f, f%next%p), f%truncation)
+      call branch%add(f%next, at_stop(f, f%next%p))
     end if
   end subroutine end_at_edge
 

@@ -34,8 +34,8 @@ module viscovib_curve_events
   !> Points of one kind, in the order met, all unknowns there may be.
   type :: special_points
     integer :: n = 0, blocks = 1
-    !> p, shape (n), and x, shape (n_unknowns, n).
-    real(wp), allocatable :: p(:), x(:, :)
+    !> p, shape (n), how far off it is, where that is known, and x, shape (n_unknowns, n).
+    real(wp), allocatable :: p(:), error(:), x(:, :)
     !> Null vectors (x, p) at branch points, shape (n_unknowns + 1, n).
     real(wp), allocatable :: across(:, :)
     !> The point of the branch before it.
@@ -62,11 +62,12 @@ contains
     !> Unknowns at most, and blocks they come in.
     integer, intent(in) :: n, blocks
     points%blocks = blocks
-    allocate (points%p(0), points%x(n, 0), points%across(n + 1, 0), points%before(0))
+    allocate (points%p(0), points%error(0), points%x(n, 0), points%across(n + 1, 0), &
+              points%before(0))
   end subroutine empty
 
   !> Where dp/ds vanishes.
-  subroutine locate_fold(curve, c, here, step, folds, at)
+  subroutine locate_fold(curve, c, here, step, folds, at, found)
     class(curve_type), intent(inout) :: curve
     type(corrector_type), intent(inout) :: c
     type(curve_point), intent(in) :: here
@@ -75,7 +76,7 @@ contains
     type(special_points), intent(inout) :: folds
     !> The step to it, or `nowhere`.
     real(wp), intent(out) :: at
-    type(curve_point) :: found
+    type(curve_point), intent(out) :: found
     real(wp) :: nothing(curve%n + 1)
 
     call bracket_fold(curve, c, here, step, found, at)
@@ -116,6 +117,7 @@ contains
     n = size(found%x)
     points%n = points%n + 1
     points%p = [points%p, found%p]
+    points%error = [points%error, 0.0_wp]
     points%x = reshape([points%x, refitted(points%blocks, found%x, most)], [most, points%n])
     points%across = reshape([points%across, refitted(points%blocks, across(:n), most), &
                              across(n + 1)], [most + 1, points%n])

@@ -18,6 +18,8 @@ module viscovib_curve_point
     !> How far x is off at its value of p, and how far (x, p) is off the curve, as a part of both:
     !! what the last correction leaves, and rounding.
     real(wp) :: error = 0.0_wp, off = 0.0_wp
+    !> The same by unknowns left out, where their number is chosen.
+    real(wp) :: truncation = 0.0_wp, missed = 0.0_wp
   end type curve_point
 
   !> Where the curve last got away from, and how many points it has had since.
@@ -60,6 +62,8 @@ contains
     to%sign = from%sign
     to%error = from%error
     to%off = from%off
+    to%truncation = from%truncation
+    to%missed = from%missed
   end subroutine copy_point
 
   pure subroutine normalize(c, point)

@@ -20,6 +20,9 @@ module viscovib_curve_record
     [character(len=10) :: 'completed', 'returned', 'step limit', 'stuck', 'overflow', &
      'unphysical', 'closed', 'stopped', 'fold limit']
 
+  !> How far a fold may be moved, in units of its estimated error.
+  real(wp), parameter :: past_fold = 2.0_wp
+
   type :: curve_branch_type
     integer :: n_points = 0, outcome = curve_completed
     !> Blocks of unknowns.
@@ -33,9 +36,10 @@ module viscovib_curve_record
     !! curve, shape (max_points).
     real(wp), allocatable :: error(:), off(:)
     !> Where the number of unknowns is chosen: how many were kept, and what leaving out others
-    !! changes, relative to x, shape (max_points).
+    !! changes of x at its value of p, relative to its size, which beside a fold grows without
+    !! bounds, and how far that is off the curve, shape (max_points).
     integer, allocatable :: kept(:)
-    real(wp), allocatable :: truncation(:)
+    real(wp), allocatable :: truncation(:), missed(:)
     !> Relative error that was allowed there, where the curve is of motions of an oscillator.
     real(wp), allocatable :: allowed(:)
     type(special_points) :: folds, branch_points
@@ -44,6 +48,7 @@ module viscovib_curve_record
   contains
     procedure :: end_with_numbers
     procedure :: end_before
+    procedure :: doubt_beside_folds
     procedure :: make_room
     procedure :: add
   end type curve_branch_type
@@ -62,7 +67,7 @@ contains
     if (associated(sized)) then
       most = sized%n_most
       self%blocks = sized%blocks
-      allocate (self%kept(max_points), self%truncation(max_points))
+      allocate (self%kept(max_points), self%truncation(max_points), self%missed(max_points))
     end if
     allocate (self%parameter(max_points), self%direction(max_points), &
               self%iterations(max_points), self%error(max_points), self%off(max_points), &
@@ -72,12 +77,10 @@ contains
   end subroutine make_room
 
   !> Add a point.
-  subroutine add(self, point, stop, truncation)
+  subroutine add(self, point, stop)
     class(curve_branch_type), intent(inout) :: self
     type(curve_point), intent(in) :: point
     logical, intent(in) :: stop
-    !> Not yet known at the first point off another branch, which has that of the next.
-    real(wp), intent(in) :: truncation
     self%n_points = self%n_points + 1
     self%parameter(self%n_points) = point%p
     self%direction(self%n_points) = point%slope_p
@@ -87,13 +90,36 @@ contains
     self%x(:, self%n_points) = refitted(self%blocks, point%x, size(self%x, 1))
     if (allocated(self%kept)) then
       self%kept(self%n_points) = size(point%x)
-      self%truncation(self%n_points) = truncation
+      self%truncation(self%n_points) = point%truncation
+      self%missed(self%n_points) = point%missed
+      ! Not known at the first point off another branch, which has that of the next.
       if (self%n_points == 2 .and. .not. self%truncation(1) > 0.0_wp) then
-        self%truncation(1) = truncation
+        self%truncation(1) = point%truncation
+        self%missed(1) = point%missed
       end if
     end if
     if (stop) self%stops = [self%stops, self%n_points]
   end subroutine add
+
+  !> Where a fold may be moved past a point, there may be no solution at its value of p.
+  subroutine doubt_beside_folds(self)
+    class(curve_branch_type), intent(inout) :: self
+    real(wp) :: near
+    integer :: i, k, way
+
+    if (.not. allocated(self%truncation)) return
+    do k = 1, self%folds%n
+      near = past_fold*self%folds%error(k)
+      do way = -1, 1, 2
+        i = self%folds%before(k) + max(way, 0)
+        do while (i >= 1 .and. i <= self%n_points)
+          if (abs(self%parameter(i) - self%folds%p(k)) > near) exit
+          self%truncation(i) = 1.0_wp
+          i = i + way
+        end do
+      end do
+    end do
+  end subroutine doubt_beside_folds
 
   !> A point that is no number ends the branch before it.
   subroutine end_with_numbers(self)

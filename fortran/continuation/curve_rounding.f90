@@ -8,7 +8,7 @@ module viscovib_curve_rounding
   implicit none
   private
 
-  public :: truncation_shift, rounding_of, least_error, all_patterns
+  public :: truncation_shift, rounding_of, least_error, all_patterns, place_error
 
   !> The largest of so many ulps of unknowns tells how far rounding moves a solution.
   real(wp), parameter :: ulps = 4.0_wp
@@ -23,26 +23,56 @@ contains
 
   !> How far a point moves on the plane of the last correction, relative to its size, if
   !! the equations are pushed by these residuals.
-  subroutine truncation_shift(c, point, pushed, moved)
+  subroutine truncation_shift(c, point, pushed, moved, at_value)
     type(corrector_type), intent(in) :: c
     type(curve_point), intent(in) :: point
     real(wp), intent(in) :: pushed(:)
     real(wp), intent(out) :: moved
+    !> How far x moves at its value of p.
+    real(wp), intent(out), optional :: at_value
     real(wp) :: weight_x, weight_p, off(size(pushed) + 1)
     call displace(c, pushed, off)
     call metric(c, point, weight_x, weight_p)
     moved = sqrt(weight_x*sum(c%weights*off(:size(pushed))**2) + weight_p*off(size(off))**2)
+    if (present(at_value)) at_value = off_at_value(c, point, off)
   end subroutine truncation_shift
+
+  !> How far unknowns left out, if their number is chosen, and rounding move the place of a fold: p
+  !! as it is moved on any plane that the curve crosses. For w, the left null vector of the
+  !! derivatives J by x, takes x out of J x + R_p p = r: p = w.r/(w.R_p).
+  subroutine place_error(curve, c, fold, moved)
+    class(curve_type), intent(inout) :: curve
+    !> With the derivatives at the fold.
+    type(corrector_type), intent(in) :: c
+    type(curve_point), intent(in) :: fold
+    !> In the unit of p.
+    real(wp), intent(out) :: moved
+    real(wp) :: pushed(curve%n), off(curve%n + 1), short, own, error, from_curve, rounded
+
+    moved = 0.0_wp
+    select type (curve)
+    class is (sized_curve_type)
+      if (curve%adaptive) then
+        call curve%left_out(fold%x, fold%p, pushed, short, own)
+        call displace(c, pushed, off)
+        moved = short*abs(off(curve%n + 1))
+      end if
+    end select
+    call least_error(curve, c, fold, error, from_curve, rounded)
+    moved = max(moved, rounded)
+  end subroutine place_error
 
   !> How far off the rounding of the equations alone leaves a point, relative to its size: x at its
   !! value of p, and both from the curve. It is |J^-1| times the unit roundoff times the largest
   !! term of each equation (Higham, Accuracy and Stability of Numerical Algorithms (2002) ch. 7), by
   !! a few choices of signs.
-  subroutine least_error(curve, c, point, error, off)
+  subroutine least_error(curve, c, point, error, off, in_p)
     class(curve_type), intent(in) :: curve
     type(corrector_type), intent(in) :: c
     type(curve_point), intent(in) :: point
     real(wp), intent(out) :: error, off
+    !> p from the curve, in its unit.
+    real(wp), intent(out), optional :: in_p
     real(wp) :: terms(curve%n), pushed(curve%n), moved(curve%n + 1), weight_x, weight_p
     integer :: i, k
 
@@ -54,6 +84,7 @@ contains
     call metric(c, point, weight_x, weight_p)
     error = 0.0_wp
     off = 0.0_wp
+    if (present(in_p)) in_p = 0.0_wp
     do k = 1, all_signs
       do i = 1, curve%n
         pushed(i) = sign(usual_rounding*terms(i), cos(real(k*(i + k)**2, wp)))
@@ -62,6 +93,7 @@ contains
       error = max(error, off_at_value(c, point, moved))
       off = max(off, sqrt(weight_x*sum(c%weights*moved(:curve%n)**2) &
                           + weight_p*moved(curve%n + 1)**2))
+      if (present(in_p)) in_p = max(in_p, abs(moved(curve%n + 1)))
     end do
   end subroutine least_error
 

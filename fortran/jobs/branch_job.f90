@@ -139,7 +139,7 @@ contains
                   subject%coordinates(self%wanted), subject%units(self%wanted), extra, table)
     call sink%put(this_kind(), table, status)
     associate (off => branch%off(:branch%n_points))
-      short = count(branch%truncation(:branch%n_points) > max(branch%allowed, off))
+      short = count(branch%missed(:branch%n_points) > max(branch%allowed, off))
       blurred = count(off > branch%allowed)
     end associate
     report%complete = branch%outcome == curve_completed .and. short == 0
@@ -258,7 +258,7 @@ contains
                             stability, branch%folds, branch%branch_points, crossings)
         ! Where verdicts change is sought with those of the motions as they are.
         call doubt_curve(judge, curve, job%nu, branch%parameter(:n), motions, &
-                         branch%truncation(:n), branch%allowed(:n), stability)
+                         branch%missed(:n), branch%allowed(:n), stability)
       end associate
     end if
     ! Of a structure its coordinates have it, not the deflections.

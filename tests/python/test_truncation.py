@@ -272,3 +272,102 @@ def test_errors_are_told_of_the_motion_that_a_base_leaves_at_rest_nearly():
             kept = dict(zip(run.harmonics, run.coefficients[0, 0], strict=True))
             for k, x in zip(true.harmonics, true.coefficients[0, 0], strict=True):
                 assert abs(x - kept.get(k, 0)) < 2e-9 * largest
+
+
+def duffing_defect(nu, c, k3, load, x):
+    """Equations of a forced Duffing oscillator in odd orders' sines and cosines, derivatives."""
+    k = np.arange(1, x.size, 2)
+    theta = 2 * np.pi * np.arange(128) / 128
+    waves = np.stack([np.sin(np.outer(theta, k)), np.cos(np.outer(theta, k))], -1).reshape(128, -1)
+    onto = waves.T / 64
+    linear = np.zeros((x.size, x.size))
+    for i, order in enumerate(k):
+        own = 1 - (order * nu) ** 2
+        linear[2 * i : 2 * i + 2, 2 * i : 2 * i + 2] = [
+            [own, -c * order * nu],
+            [c * order * nu, own],
+        ]
+    u = waves @ x
+    r = linear @ x + onto @ (k3 * u**3)
+    r[0] -= load
+    return r, linear + onto @ (3 * k3 * u[:, None] ** 2 * waves)
+
+
+def settled(nu, numbers, x):
+    """Newton's method at a frequency."""
+    for _ in range(20):
+        r, slope = duffing_defect(nu, *numbers, x)
+        x = x - np.linalg.solve(slope, r)
+    return x if np.abs(r).max() < 1e-10 else None
+
+
+def fold_near(nu, numbers, x):
+    """Where the determinant along the curve of twenty orders vanishes, from a motion there."""
+    for _ in range(15):
+        # Bordered by the null vector: g = 0 where the derivatives are singular.
+        def together(nu, x):
+            r, slope = duffing_defect(nu, *numbers, x)
+            left, _sizes, right = np.linalg.svd(slope)
+            return r, slope, left[:, -1], right[-1]
+
+        r, slope, left, right = together(nu, x)
+
+        def test(nu, x, left=left, right=right):
+            slope = duffing_defect(nu, *numbers, x)[1]
+            edged = np.block([[slope, left[:, None]], [right[None], np.zeros((1, 1))]])
+            return np.linalg.solve(edged, np.eye(x.size + 1)[-1])[-1]
+
+        h = 1e-6
+        g = test(nu, x)
+        step = np.eye(x.size) * h
+        by_x = [(test(nu, x + s) - test(nu, x - s)) / (2 * h) for s in step]
+        by_nu = (test(nu + h, x) - test(nu - h, x)) / (2 * h)
+        r_nu = (duffing_defect(nu + h, *numbers, x)[0] - duffing_defect(nu - h, *numbers, x)[0]) / (
+            2 * h
+        )
+        whole = np.block([[slope, r_nu[:, None]], [np.array(by_x)[None], np.array([[by_nu]])]])
+        change = np.linalg.solve(whole, np.append(r, g))
+        x, nu = x - change[:-1], nu - change[-1]
+    return nu
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_beside_folds_truncation_is_that_of_the_motion_at_its_frequency(seed):
+    """No less than what twenty orders say; where a fold may pass a point, 1. Folds tell how far."""
+    rng = np.random.default_rng(seed)
+    numbers = rng.uniform(0.01, 0.04), rng.uniform(0.3, 1.2), rng.uniform(0.1, 0.4)
+    system = vv.PolynomialSystem(
+        mass=1, stiffness=1, damping=numbers[0], forces=f"{numbers[1]}*x^3", names=["x"]
+    )
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", vv.ConvergenceWarning)
+        wanted = dict(load=numbers[2], harmonics=3, stability=False)
+        folds = vv.trace_response(system, (0.9, 4.5), **wanted).folds
+        near = np.outer(folds, [1 - 1e-4, 1 - 1e-6, 1 + 1e-9, 1 + 1e-4]).ravel()
+        branch = vv.trace_response(system, (0.9, 4.5), at=near, **wanted)
+    assert len(branch.folds) == 2
+
+    def whole(c):
+        x = np.zeros(20)
+        x[: 2 * c.size] = np.stack([c.real, c.imag], -1).ravel()
+        return x
+
+    for fold, error, at in zip(
+        branch.folds, branch.fold_errors, branch.fold_coefficients[:, 0], strict=True
+    ):
+        own = fold_near(fold, numbers, whole(at))
+        assert 0.3 * error < abs(own - fold) < 2.5 * error
+        nearest = int(np.abs(branch.nu - fold).argmin())
+        for i in range(max(nearest - 5, 0), min(nearest + 6, branch.nu.size)):
+            if abs(branch.nu[i] - fold) < 8 * error:
+                continue  # the other motion behind the fold is as near
+            x = whole(branch.coefficients[i, 0])
+            true = settled(branch.nu[i], numbers, x)
+            assert true is not None
+            off = np.linalg.norm(true - x) / np.linalg.norm(x)
+            assert off < 2 * branch.truncation[i], i
+    # Of the motions at such a frequency those of the fold itself.
+    off = np.abs(branch.coefficients[:, None] - branch.fold_coefficients).max(axis=(2, 3))
+    beside = (np.abs(branch.nu[:, None] - branch.folds) <= branch.fold_errors) & (off < 0.02)
+    assert beside.any()
+    assert (branch.truncation[beside.any(axis=1)] == 1).all()

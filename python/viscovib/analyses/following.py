@@ -276,9 +276,10 @@ def _branch(
 ) -> Branch:
     """Give what the core found its names and units."""
     (
-        n, ended, n_used, p, iterations, error, off, kept, truncation, coefficients, is_stop,
-        n_folds, folds, fold_coefficients, n_branch, branch_p, branch_x, across, branch_before,
-        judged, growing, multipliers, exponents, n_crossings, kinds, before, where,
+        n, ended, n_used, p, iterations, error, off, kept, truncation, missed, coefficients,
+        is_stop, n_folds, folds, fold_errors, fold_coefficients, n_branch, branch_p, branch_x,
+        across, branch_before, judged, growing, multipliers, exponents, n_crossings, kinds,
+        before, where,
         crossing_coefficients, allowed,
     ) = found  # fmt: skip
     system, way, view, orders = shown.system, shown.way, shown.view, shown.orders
@@ -307,6 +308,7 @@ def _branch(
         exponents=stability.exponents if stability else None,
         slowest=stability.slowest if stability else None,
         folds=folds[:n_folds].copy(),
+        fold_errors=fold_errors[:n_folds].copy(),
         fold_coefficients=at_folds,
         branch_points=located_branch_points(
             places,
@@ -336,6 +338,7 @@ def _branch(
         _tolerance=tolerance,
         _allowed=allowed,
         _off=off[:n].copy(),
+        _missed=missed[:n].copy(),
         _parts=Parts(system, shown.job[-2], shown.job[-1]),
     )
     _warn_of_doubts(branch, motions, p)
@@ -361,9 +364,9 @@ def _warn_of_doubts(branch: Branch, motions: ComplexArray, p: FloatArray) -> Non
         "rounding leaves more than the tolerance",
         hanging(stable, blurred & ~few, "rounding decides"),
     )  # fmt: skip
-    worst = int(np.where(few, branch.truncation, 0).argmax())
+    worst = int(np.where(few, branch._missed, 0).argmax())
     _warn_above(
-        np.where(few, branch.truncation, 0), allowed, tolerance, branch.varies, p,
+        np.where(few, branch._missed, 0), allowed, tolerance, branch.varies, p,
         f"harmonics up to {branch.harmonics[-1]} do not reach the tolerance",
         (falling(motions[worst]) if few[worst] else "")
         + hanging(stable, few)

@@ -67,6 +67,9 @@ class Branch(PeriodicMotions, Curve):
         of a Rabotnov kernel fades like a power of time, more slowly than any exponential.
     folds : ndarray, shape (n_folds,)
         Where the branch turns back: values of what varies (nu, or the load factor).
+    fold_errors : ndarray, shape (n_folds,)
+        Estimated error of each, in the unit of what varies: what leaving out harmonics, and
+        rounding, move it by.
     fold_coefficients : complex ndarray, shape (n_folds, n_dof, m)
     branch_points : tuple of BranchPoint
         Where others branch off: each may be given to `trace_response` as ``leave``.
@@ -93,7 +96,11 @@ class Branch(PeriodicMotions, Curve):
     highest : ndarray of int, shape (n,)
         Highest order kept at each point.
     truncation : ndarray, shape (n,)
-        Estimated relative change of the motion if all orders were kept.
+        Estimated relative change of the motion of each point, at its value of what varies, if all
+        orders were kept. Beside a fold a small change of what varies is a large one of the motion:
+        there it exceeds ``tolerance``, up to 1 ("this motion may not be there at that value"),
+        though orders are chosen so that the point lies within ``tolerance`` of the curve of all
+        orders; ``fold_errors`` tell how far folds move. Warnings and `complete` ask for the latter.
     plan : Plan
         What was computed, what was skipped and why.
 
@@ -125,6 +132,7 @@ class Branch(PeriodicMotions, Curve):
     exponents: ComplexArray | None
     slowest: npt.NDArray[np.bool_] | None
     folds: FloatArray
+    fold_errors: FloatArray
     fold_coefficients: ComplexArray
     branch_points: tuple[BranchPoint, ...]
     crossings: tuple[Crossing, ...]
@@ -146,6 +154,8 @@ class Branch(PeriodicMotions, Curve):
     _allowed: FloatArray = field(repr=False)
     #: How far each point is off its curve, as a part of motion and parameter.
     _off: FloatArray = field(repr=False)
+    #: How far the orders left out move each point off its curve, as a part of both.
+    _missed: FloatArray = field(repr=False)
     #: What takes energy from the motions.
     _parts: Parts | None = field(default=None, repr=False)
     #: Further columns that a scene asks for.
@@ -169,7 +179,7 @@ class Branch(PeriodicMotions, Curve):
 
     def _scope(self) -> list[str]:
         *lines, last = super()._scope()
-        worst = np.nanmax(self.truncation, initial=0.0)
+        worst = np.nanmax(self._missed, initial=0.0)
         return [
             *lines,
             f"{last}; estimated error of those left out {worst:.1e}{told_sampling(self)}",
@@ -187,7 +197,7 @@ class Branch(PeriodicMotions, Curve):
     @property
     def _few(self) -> npt.NDArray[np.bool_]:
         """Points that more harmonics would bring nearer: not those that rounding keeps away."""
-        return np.asarray(self.truncation > np.maximum(self._allowed, self._off))
+        return np.asarray(self._missed > np.maximum(self._allowed, self._off))
 
     @property
     def complete(self) -> bool:  # type: ignore[override]
@@ -300,7 +310,12 @@ class Branch(PeriodicMotions, Curve):
                 "unit": ("dof", list(self.dof_units)),
                 "harmonic": self.harmonics,
             },
-            attrs={"outcome": self.outcome, "folds": self.folds, "plan": str(self.plan)},
+            attrs={
+                "outcome": self.outcome,
+                "folds": self.folds,
+                "fold_errors": self.fold_errors,
+                "plan": str(self.plan),
+            },
         )
 
     def _table(self, coordinates: Sequence[str] | None) -> Table:
