@@ -17,10 +17,10 @@ subroutine mount_branch(flat, n_flat, kind_x, data_x, n_x, kind_phi, data_phi, n
                         leave, begin, begin_p, along, n_unknowns, n_judged, n_kept, max_special, &
                         cancel, n_points, ended, n_used, p, iterations, error, off, kept, &
                         truncation, missed, coefficients, is_stop, n_folds, &
-                        folds, fold_errors, fold_coefficients, n_branch_points, branch_points, branch_point_x, &
-                        across, branch_before, stable, growing, multipliers, exponents, &
-                        n_crossings, kinds, before, crossings, crossing_coefficients, allowed, &
-                        status)
+                        folds, fold_errors, fold_coefficients, n_branch_points, branch_points, &
+                        branch_point_x, across, branch_before, stable, growing, multipliers, &
+                        exponents, n_crossings, kinds, before, crossings, crossing_coefficients, &
+                        allowed, status)
   use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
   use, intrinsic :: iso_c_binding, only: c_double, c_double_complex, c_int
   use viscovib_binding_tools, only: fill_stability, make_load, make_options, make_system, report, &

@@ -15,8 +15,7 @@ module viscovib_curve_branch
   use viscovib_curve_record, only: curve_branch_type, curve_closed, curve_completed, &
     curve_fold_limit, curve_outcomes, curve_overflow, curve_returned, curve_step_limit, &
     curve_stopped, curve_stuck, curve_unphysical
-  use viscovib_curve_rounding, only: all_patterns, least_error, place_error, &
-    rounding_of, truncation_shift
+  use viscovib_curve_rounding, only: all_patterns, least_error, rounding_of, truncation_shift
   use viscovib_kinds, only: wp
   use viscovib_sized_curve, only: refitted, sized_curve_type
   use viscovib_stopping, only: begin_piece, is_set, stop_wanted
@@ -55,8 +54,7 @@ module viscovib_curve_branch
     !> Wanted values, and the steps to those met since `here`.
     real(wp), allocatable :: stops(:), places(:)
     real(wp) :: step = 0.0_wp, sign_wanted = 1.0_wp
-    !> Of the point measured last: how large the unknowns left out are, and what is rounding of what
-    !! they change.
+    !> Of the point measured last: size of the unknowns left out, and what rounding has moved it by.
     real(wp) :: own = 0.0_wp, rounding = 0.0_wp
     !> Of the step just made: the angle between its tangents, and how far it lies off.
     real(wp) :: angle = 0.0_wp, off = 0.0_wp
@@ -387,15 +385,12 @@ contains
     type(follower_type), intent(inout) :: f
     type(curve_branch_type), intent(inout) :: branch
     real(wp), intent(in) :: ahead
-    type(curve_point) :: fold
     real(wp) :: at_fold, at_branch_point
     integer :: n_before
     at_fold = nowhere
     at_branch_point = nowhere
     if (f%here%slope_p*f%next%slope_p < 0.0_wp .and. .not. leaving(f, branch)) then
-      call locate_fold(f%curve, f%corrector, f%here, ahead, branch%folds, at_fold, fold)
-      if (at_fold < nowhere) call place_error(f%curve, f%corrector, fold, &
-                                              branch%folds%error(branch%folds%n))
+      call locate_fold(f%curve, f%corrector, f%here, ahead, branch%folds, at_fold)
     end if
     if (sign_changes(f, branch)) then
       call locate_branch_point(f%curve, f%corrector, f%here, ahead, branch%branch_points, &

@@ -5,6 +5,7 @@ module viscovib_curve_events
   use viscovib_curve, only: curve_type
   use viscovib_curve_corrector, only: correct, corrector_type, null_vector
   use viscovib_curve_point, only: copy_point, curve_point, new_point
+  use viscovib_curve_rounding, only: place_error
   use viscovib_kinds, only: wp
   use viscovib_sized_curve, only: refitted
   implicit none
@@ -67,7 +68,7 @@ contains
   end subroutine empty
 
   !> Where dp/ds vanishes.
-  subroutine locate_fold(curve, c, here, step, folds, at, found)
+  subroutine locate_fold(curve, c, here, step, folds, at)
     class(curve_type), intent(inout) :: curve
     type(corrector_type), intent(inout) :: c
     type(curve_point), intent(in) :: here
@@ -76,8 +77,8 @@ contains
     type(special_points), intent(inout) :: folds
     !> The step to it, or `nowhere`.
     real(wp), intent(out) :: at
-    type(curve_point), intent(out) :: found
-    real(wp) :: nothing(curve%n + 1)
+    type(curve_point) :: found
+    real(wp) :: nothing(curve%n + 1), error
 
     call bracket_fold(curve, c, here, step, found, at)
     if (at >= nowhere) return
@@ -87,8 +88,10 @@ contains
           .and. norm2(found%x - refitted(folds%blocks, folds%x(:, folds%n), curve%n)) &
           <= sqrt(same)*norm2(found%x)) at = nowhere
     end if
+    if (at >= nowhere) return
+    call place_error(curve, c, found, error)
     nothing = 0.0_wp
-    if (at < nowhere) call keep(folds, found, nothing)
+    call keep(folds, found, nothing, error)
   end subroutine locate_fold
 
   !> Where the determinant vanishes, and the null vector there.
@@ -105,19 +108,19 @@ contains
     call bracket_branch_point(curve, c, here, step, found, at)
     if (at >= nowhere) return
     call null_vector(curve, c, here, found, across)
-    call keep(branch_points, found, across)
+    call keep(branch_points, found, across, 0.0_wp)
   end subroutine locate_branch_point
 
-  subroutine keep(points, found, across)
+  subroutine keep(points, found, across, error)
     type(special_points), intent(inout) :: points
     type(curve_point), intent(in) :: found
-    real(wp), intent(in) :: across(:)
+    real(wp), intent(in) :: across(:), error
     integer :: most, n
     most = size(points%x, 1)
     n = size(found%x)
     points%n = points%n + 1
     points%p = [points%p, found%p]
-    points%error = [points%error, 0.0_wp]
+    points%error = [points%error, error]
     points%x = reshape([points%x, refitted(points%blocks, found%x, most)], [most, points%n])
     points%across = reshape([points%across, refitted(points%blocks, across(:n), most), &
                              across(n + 1)], [most + 1, points%n])
