@@ -312,6 +312,8 @@ contains
     n = branch%n_points
     call table%note('branch '//trim(curve_outcomes(branch%outcome))//'; folds at '//varies//' =' &
                     //listed(branch%folds%p(:branch%folds%n)))
+    if (branch%folds%n > 0) call table%note('estimated errors of these folds:' &
+                                            //listed(branch%folds%error(:branch%folds%n)))
     call note_crossings(table, crossings, varies)
     call table%add_reals(varies, branch%parameter(:n))
     note = 'nu: circular frequency of the load (rad/s); u = Im sum_k X_k exp(i k nu t)'

@@ -290,10 +290,13 @@ def test_table_dataset_and_picture(tmp_path):
     assert head[1].startswith("# branch completed; folds at nu = 2.59318")
     first = branch.crossings[0]
     place = f"{first.before + 1}: {first.kind} at nu = {first.parameter:.16e}"
-    assert head[2] == f"# stability changes after point {place}"
-    assert head[5].startswith("nu,stable,growing,multiplier,highest,truncation,error,x_1_re")
-    assert "error: of the last correction and rounding" in head[4]
-    rows = [line.split(",") for line in head[5:]]
+    told = head[2].removeprefix("# estimated errors of these folds: ").split()
+    assert [float(e) for e in told] == branch.fold_errors.tolist()
+    assert branch.to_dataset().attrs["fold_errors"].tolist() == branch.fold_errors.tolist()
+    assert head[3] == f"# stability changes after point {place}"
+    assert head[6].startswith("nu,stable,growing,multiplier,highest,truncation,error,x_1_re")
+    assert "error: of the last correction and rounding" in head[5]
+    rows = [line.split(",") for line in head[6:]]
     errors = [float(row[rows[0].index("error")]) for row in rows[1:]]
     assert errors == branch.error.tolist() == branch.to_dataset().error.to_numpy().tolist()
     assert branch.to_dataset().coefficients.shape == branch.coefficients.shape

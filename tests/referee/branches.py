@@ -55,14 +55,12 @@ def _judge_points(model, names, load, tolerance, rng):
     i = int(rng.integers(len(branch.folds)))
     balance = Balance(model, min(2 * int(orders.max()) + 4, 31))
     start = balance.real(branch.fold_coefficients[i], orders)
-    near = int(np.argmin(np.abs(branch.nu - branch.folds[i])))
-    admitted = (estimate[near] + 10 * tolerance) * 30 + 1e-9
-    if warned and branch.truncation is None:
-        return
     own = balance.fold(start, float(branch.folds[i]), load_rows(balance, load))
     if own is not None and abs(own / branch.folds[i] - 1) < 0.1:
+        # Newton's method of the judge, by differences, knows the place to some 1e-11.
+        admitted = 3 * branch.fold_errors[i] + 1e-10 * own
         yield Claim(
-            "place of a fold", branch.folds[i], own, admitted * own, damage=max(1e-6, 10 * admitted)
+            "place of a fold", branch.folds[i], own, admitted, damage=max(1e-6, 10 * admitted / own)
         )
 
 
