@@ -6,8 +6,10 @@
 !! with right and left vectors x and y of Q(s) = M s^2 + C s + K at each simple pole (Tisseur and
 !! Meerbergen, The quadratic eigenvalue problem, SIAM Rev. 43 (2001) 235). Poles are eigenvalues of
 !! the companion matrix, corrected by Newton's method; the vectors are the largest column and row of
-!! Q^-1 beside a pole.
+!! Q^-1 beside a pole. Beside stiff springs that leaves rounding of these in soft modes: Newton's
+!! method with residuals of twice the digits takes it away.
 module viscovib_damped_modes
+  use, intrinsic :: iso_fortran_env, only: real128
   use viscovib_dense, only: factorize, invert, solve
   use viscovib_eigenvalues, only: eigenvalues
   use viscovib_kinds, only: wp
@@ -19,6 +21,13 @@ module viscovib_damped_modes
   !> How far beside a pole, in units of rounding, and passes that correct it.
   real(wp), parameter :: beside = 8.0_wp*epsilon(1.0_wp)
   integer, parameter :: passes = 3
+  !> Squares of poles closer together than this keep their digits.
+  real(wp), parameter :: alike = 0.03_wp
+  !> Changes of which the square is rounding, and passes that refine.
+  real(wp), parameter :: small = 1.0e-8_wp
+  integer, parameter :: refining = 8
+  !> Part of the way to the next pole that may be corrected.
+  real(wp), parameter :: near = 0.1_wp
   !> What the sums over all modes may miss of M^-1 and of 0.
   real(wp), parameter :: missed = 1.0e-7_wp
 
@@ -68,6 +77,7 @@ contains
       end if
       i = i + 1
     end do
+    call refine(mass, damping, stiffness, poles, left, right)
     call check_sums(inverse, poles, left, right, found)
   end subroutine find_damped_modes
 
@@ -115,6 +125,121 @@ contains
       y = real(y)
     end if
   end subroutine find_vectors
+
+  !> Soft modes to the digits that the entries hold, each by Newton's method on its own:
+  !!
+  !!   [Q(s)       Q'(s) x] [dx]     [Q(s) x]        [Q(s)^T     Q'(s)^T y] [dy]     [Q(s)^T y]
+  !!   [y^T Q'(s)     0   ] [ds] = - [  0   ],       [x^T Q'(s)^T    0    ] [ds] = - [   0    ]
+  !!
+  !! (Peters and Wilkinson, SIAM Rev. 21 (1979) 339). What is left, Q x and Q^T y, has twice the
+  !! digits; of the inverse a few are enough. A pole that would come near to another stays.
+  pure subroutine refine(mass, damping, stiffness, poles, left, right)
+    real(wp), intent(in) :: mass(:, :), damping(:, :), stiffness(:, :)
+    complex(wp), intent(inout) :: poles(:), left(:, :), right(:, :)
+    complex(wp) :: found(size(poles))
+    real(wp) :: reach
+    integer :: i, k
+
+    if (minval(abs(poles))**2 > alike*maxval(abs(poles))**2) return
+    found = poles
+    do i = 1, size(poles)
+      if (aimag(poles(i)) < 0.0_wp) cycle
+      reach = near*minval(abs(poles - poles(i)), mask=[(k /= i, k=1, size(poles))])
+      call refine_one(mass, damping, stiffness, reach, found(i), left(:, i), right(:, i))
+      if (.not. aimag(poles(i)) > 0.0_wp) cycle
+      found(i + 1) = conjg(found(i))
+      left(:, i + 1) = conjg(left(:, i))
+      right(:, i + 1) = conjg(right(:, i))
+    end do
+    poles = found
+  end subroutine refine
+
+  pure subroutine refine_one(mass, damping, stiffness, reach, pole, x, y)
+    real(wp), intent(in) :: mass(:, :), damping(:, :), stiffness(:, :)
+    !> How far the pole may move.
+    real(wp), intent(in) :: reach
+    !> With y^T Q'(pole) x = 1.
+    complex(wp), intent(inout) :: pole, x(:), y(:)
+    complex(wp), dimension(size(x) + 1, size(x) + 1) :: bordered, inverse
+    complex(wp), dimension(size(x)) :: better_x, better_y
+    complex(wp), dimension(size(x) + 1) :: x_left, y_left
+    complex(wp) :: s, slope
+    real(wp) :: change, last
+    integer :: n, pass
+    logical :: singular, real_pole
+
+    n = size(x)
+    real_pole = .not. abs(aimag(pole)) > 0.0_wp
+    s = pole
+    better_x = x
+    better_y = y
+    last = 1.0_wp
+    do pass = 1, refining
+      call look(mass, damping, stiffness, s, better_x, better_y, x_left, y_left, &
+                bordered(:n, n + 1), bordered(n + 1, :n), slope)
+      better_y = better_y/slope
+      if (last < small) exit
+      bordered(:n, :n) = mass*s**2 + damping*s + stiffness
+      bordered(n + 1, n + 1) = (0.0_wp, 0.0_wp)
+      call invert(bordered, inverse, singular)
+      if (singular) return
+      x_left = matmul(inverse, x_left)
+      y_left = matmul(y_left/slope, inverse)
+      change = max(maxval(abs(x_left(:n)))/maxval(abs(better_x)), &
+                   maxval(abs(y_left(:n)))/maxval(abs(better_y)))
+      ! Of no use where not even the first digits of the inverse are right.
+      if (.not. change < last) return
+      last = change
+      s = s - x_left(n + 1)
+      if (real_pole) s = real(s)
+      if (.not. abs(s - pole) <= reach) return
+      better_x = better_x - x_left(:n)
+      better_y = better_y - y_left(:n)
+    end do
+    if (.not. last < small) return
+    pole = s
+    x = better_x
+    y = better_y
+    if (real_pole) then
+      x = real(x)
+      y = real(y)
+    end if
+  end subroutine refine_one
+
+  !> Q x and Q^T y, Q' x and Q'^T y, y^T Q' x, to the last digits.
+  pure subroutine look(mass, damping, stiffness, s, x, y, x_left, y_left, x_slope, y_slope, slope)
+    real(wp), intent(in) :: mass(:, :), damping(:, :), stiffness(:, :)
+    complex(wp), intent(in) :: s, x(:), y(:)
+    !> Each with a 0 behind it, shape (n + 1).
+    complex(wp), intent(out) :: x_left(:), y_left(:)
+    complex(wp), intent(out) :: x_slope(:), y_slope(:), slope
+    complex(real128), dimension(size(x)) :: qx, qy, dx, dy
+    complex(real128) :: q, d, t
+    integer :: i, j
+
+    t = s
+    qx = (0.0_real128, 0.0_real128)
+    qy = qx
+    dx = qx
+    dy = qx
+    do j = 1, size(x)
+      do i = 1, size(x)
+        if (.not. any(abs([mass(i, j), damping(i, j), stiffness(i, j)]) > 0.0_wp)) cycle
+        d = t*mass(i, j) + damping(i, j)
+        q = t*d + stiffness(i, j)
+        d = d + t*mass(i, j)
+        qx(i) = qx(i) + q*x(j)
+        qy(j) = qy(j) + q*y(i)
+        dx(i) = dx(i) + d*x(j)
+        dy(j) = dy(j) + d*y(i)
+      end do
+    end do
+    x_left = [cmplx(qx, kind=wp), (0.0_wp, 0.0_wp)]
+    y_left = [cmplx(qy, kind=wp), (0.0_wp, 0.0_wp)]
+    x_slope = cmplx(dx, kind=wp)
+    y_slope = cmplx(dy, kind=wp)
+    slope = cmplx(sum(dx*y), kind=wp)
+  end subroutine look
 
   !> Far out s^2 Q^-1 is M^-1: sum left right^T = 0 and sum poles left right^T = M^-1.
   pure subroutine check_sums(inverse, poles, left, right, found)

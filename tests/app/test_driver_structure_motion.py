@@ -7,6 +7,7 @@ import pytest
 import viscovib as vv
 from driver import SCENES, read_csv
 from scipy.integrate import solve_ivp
+from scipy.linalg import expm
 
 CHAIN = "&structure size=4 mass=1 2 1 1 stiffness={} {} /\n"
 FIXED = "2 -1 0 0 -1 2 -1 0 0 -1 2 -1 0 0 -1 2"
@@ -109,6 +110,23 @@ def test_motion_is_that_of_the_equations(solve, tmp_path):
         assert table[name] == pytest.approx(row, abs=1e-9)
 
 
+def _twins(solve, folder, mass, damping, stiffness, start, t):
+    """Where the driver puts the first two masses of two chains at t, which start alike."""
+
+    def told(numbers):
+        return " ".join(repr(float(x)) for x in np.ravel(numbers))
+
+    (folder / "twins.nml").write_text(
+        f"&structure size={2 * mass.size} mass={told(np.tile(mass, 2))} "
+        f"stiffness={told(stiffness)} damping={told(np.kron(np.eye(2), damping))} /\n"
+        f"&transient t_end={t} tolerance=1e-9 keep='last' coordinates='x1' 'x2' "
+        f"initial={told(np.outer(np.tile(start, 2), [1, 0]))} /\n"
+    )
+    assert solve(folder / "twins.nml", "--out", folder).returncode == 0
+    table = read_csv(folder / "twins_transient.csv")
+    return [float(table["x1"]), float(table["x2"])]
+
+
 @pytest.mark.parametrize("stiff", [1e2, 1e5, 1e8])
 @pytest.mark.parametrize("n", [2, 12])
 def test_soft_motions_beside_stiff_springs(solve, tmp_path, n, stiff):
@@ -116,21 +134,26 @@ def test_soft_motions_beside_stiff_springs(solve, tmp_path, n, stiff):
     one = 2 * np.eye(n) - np.eye(n, k=1) - np.eye(n, k=-1)
     whole = np.kron(np.eye(2), one) + stiff * np.kron([[1, -1], [-1, 1]], np.eye(n))
     start, t = np.linalg.solve(one, np.eye(n)[1]), 10.0
-
-    def told(numbers):
-        return " ".join(repr(float(x)) for x in np.ravel(numbers))
-
-    (tmp_path / "twins.nml").write_text(
-        f"&structure size={2 * n} mass={told(np.ones(2 * n))} stiffness={told(whole)} /\n"
-        f"&transient t_end={t} tolerance=1e-9 keep='last' coordinates='x1' 'x2' "
-        f"initial={told(np.outer(np.tile(start, 2), [1, 0]))} /\n"
-    )
-    assert solve(tmp_path / "twins.nml", "--out", tmp_path).returncode == 0
-    table = read_csv(tmp_path / "twins_transient.csv")
+    found = _twins(solve, tmp_path, np.ones(n), 0 * one, whole, start, t)
     angles = np.arange(1, n + 1) * np.pi / (2 * n + 2)
     waves = np.sin(2 * np.outer(np.arange(1, n + 1), angles)) * np.sqrt(2 / (n + 1))
     true = waves @ (np.cos(2 * np.sin(angles) * t) * (waves.T @ start))
-    assert [float(table["x1"]), float(table["x2"])] == pytest.approx(true[:2], abs=2e-14)
+    assert found == pytest.approx(true[:2], abs=2e-14)
+
+
+@pytest.mark.parametrize("stiff", [1e2, 1e5, 1e8])
+@pytest.mark.parametrize("n", [2, 12])
+def test_soft_motions_with_dampers_that_couple_modes(solve, tmp_path, n, stiff):
+    """The same with dampers at some masses, which differ: alike, stiff motions would coincide."""
+    one = 2 * np.eye(n) - np.eye(n, k=1) - np.eye(n, k=-1)
+    whole = np.kron(np.eye(2), one) + stiff * np.kron([[1, -1], [-1, 1]], np.eye(n))
+    mass, start, t = 1 + np.arange(n) / n, np.linalg.solve(one, np.eye(n)[1]), 10.0
+    dampers = np.diag(0.2 + 0.3 * (np.arange(n) % 3 == 1))
+    found = _twins(solve, tmp_path, mass, dampers, whole, start, t)
+    rates = np.block([[np.zeros((n, n)), np.eye(n)], [-one, -dampers]])
+    rates[n:] /= mass[:, np.newaxis]
+    true = (expm(t * rates) @ [*start, *np.zeros(n)])[:2]
+    assert found == pytest.approx(list(true), abs=1e-13)
 
 
 def test_python_writes_the_same(solve, tmp_path):
