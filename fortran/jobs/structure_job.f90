@@ -135,10 +135,8 @@ contains
     real(wp) :: nothing(size(model%base_direction))
 
     nothing = 0.0_wp
-    sections%others%by_base = pole_state(model, sections%others%poles, model%base_direction, &
-                                         nothing)
-    sections%others%by_base_rate = pole_state(model, sections%others%poles, nothing, &
-                                              model%base_direction)
+    sections%others%by_base = pole_state(model, model%base_direction, nothing)
+    sections%others%by_base_rate = pole_state(model, nothing, model%base_direction)
   end subroutine set_base
 
   !> The start relative to the base, by modes; and as it is: what has no mass is where the others
@@ -149,7 +147,8 @@ contains
     type(structure_model), intent(in) :: model
     real(wp), intent(out) :: first(:)
     type(base_motion_type) :: base
-    complex(wp), allocatable :: z(:)
+    complex(wp) :: z(size(model%rest%poles))
+    real(wp), allocatable :: q(:), speed(:)
     real(wp), dimension(size(job%initial)/2) :: u, v
 
     u = job%initial(1::2)
@@ -157,9 +156,16 @@ contains
     base = maker%base
     if (base%moves()) base%direction = model%base_direction
     call base%add_to(0.0_wp, u, v, share=-1.0_wp)
-    z = pole_state(model, maker%sections%others%poles, u, v)
-    maker%q = [moved(u), real(z)]
-    maker%v = [moved(v), aimag(z)]
+    allocate (q(size(maker%sections%squares)), speed(size(maker%sections%squares)), source=0.0_wp)
+    ! Without real modes there is one that does not move.
+    if (size(model%rest%squares) > 0) then
+      call model%rest%in_modes(model%mass, 0.0_wp*u, u, q, z)
+      speed = matmul(matmul(model%mass, v), model%rest%shapes)
+    end if
+    associate (others => pole_state(model, u, v))
+      maker%q = [q, real(others)]
+      maker%v = [speed, aimag(others)]
+    end associate
     first = job%initial
     if (.not. any(model%rest%idle)) return
     call model%rest%place_idle(u)
@@ -167,35 +173,21 @@ contains
     call base%add_to(0.0_wp, u, v)
     first(1::2) = merge(u, first(1::2), model%rest%idle)
     first(2::2) = merge(v, first(2::2), model%rest%idle)
-
-  contains
-
-    !> By real modes. Rest is rest whatever the coordinates are.
-    function moved(x) result(q)
-      real(wp), intent(in) :: x(:)
-      real(wp) :: q(size(maker%sections%squares))
-      q = 0.0_wp
-      if (size(model%rest%squares) == 0 .or. .not. any(abs(x) > 0.0_wp)) return
-      q = matmul(matmul(model%mass, x), model%rest%shapes)
-    end function moved
-
   end subroutine set_start
 
   !> z_l = right_l . ((pole_l M + C) u + M u'), of which the state is sum_l (left_l, pole_l left_l)
   !! z_l.
-  function pole_state(model, poles, u, v) result(z)
+  function pole_state(model, u, v) result(z)
     type(structure_model), intent(in) :: model
-    complex(wp), intent(in) :: poles(:)
     real(wp), intent(in) :: u(:), v(:)
-    complex(wp) :: z(size(poles)), right(size(u), size(poles))
-    integer :: i
+    complex(wp) :: z(count(aimag(model%rest%poles) >= 0.0_wp)), all_z(size(model%rest%poles))
+    real(wp) :: q(size(model%rest%squares))
 
     z = (0.0_wp, 0.0_wp)
-    if (size(poles) == 0 .or. .not. (any(abs(u) > 0.0_wp) .or. any(abs(v) > 0.0_wp))) return
-    right = model%rest%right(:, pack([(i, i=1, size(model%rest%poles))], &
-                                     aimag(model%rest%poles) >= 0.0_wp))
-    z = poles*matmul(matmul(model%mass, u), right) &
-        + matmul(matmul(model%all_damping(), u) + matmul(model%mass, v), right)
+    if (size(z) == 0 .or. .not. (any(abs(u) > 0.0_wp) .or. any(abs(v) > 0.0_wp))) return
+    call model%rest%in_modes(model%mass, matmul(model%all_damping(), u), u, q, all_z)
+    all_z = all_z + matmul(matmul(model%mass, v), model%rest%right)
+    z = pack(all_z, aimag(model%rest%poles) >= 0.0_wp)
   end function pole_state
 
   !> M b, of a base that moves the coordinates by b.

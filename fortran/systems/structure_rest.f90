@@ -4,6 +4,7 @@
 !! u_0 = -K_00^-1 K_01 u_1, which leaves K_11 - K_10 K_00^-1 K_01 (Guyan, AIAA Journal 3 (1965) 380,
 !! exact here).
 module viscovib_structure_rest
+  use, intrinsic :: iso_fortran_env, only: real128
   use viscovib_damped_modes, only: find_damped_modes
   use viscovib_dense, only: factorize, solve
   use viscovib_kinds, only: wp
@@ -31,6 +32,8 @@ module viscovib_structure_rest
   type :: rest_type
     real(wp), allocatable :: squares(:), rates(:), losses(:), shapes(:, :)
     complex(wp), allocatable :: poles(:), left(:, :), right(:, :)
+    !> K where all modes are its, shape (n, n); empty where what has no mass follows.
+    real(wp), allocatable :: springs(:, :)
     !> Springs that rounding hides, a line; empty of others.
     character(len=:), allocatable :: hidden
     !> Which coordinates have no mass, and what they are in terms of the others.
@@ -40,6 +43,7 @@ module viscovib_structure_rest
     procedure :: n_modes
     procedure :: refuse_on_idle
     procedure :: place_idle
+    procedure :: in_modes
   end type rest_type
 
 contains
@@ -56,9 +60,11 @@ contains
     call set_ok(status)
     rest%idle = .not. any(abs(mass) > 0.0_wp, 2)
     if (any(rest%idle)) then
+      allocate (rest%springs(0, 0))
       call find_condensed(rest, mass, damping, stiffness, places, modal, status)
     else
       allocate (rest%follow(0, size(mass, 1)))
+      rest%springs = stiffness
       call find_modes(rest, mass, damping, stiffness, places, places, modal, status)
     end if
   end subroutine new_rest
@@ -157,6 +163,53 @@ contains
     real(wp), intent(inout) :: u(:)
     if (any(self%idle)) u = unpack(matmul(self%follow, pack(u, .not. self%idle)), self%idle, u)
   end subroutine place_idle
+
+  !> Coordinates of real modes, and states of complex ones, of displacements u. In two ways, of the
+  !! same value,
+  !!
+  !!   phi^T M u = phi^T K u/omega^2,    right^T (pole M + C) u = -right^T K u/pole,
+  !!
+  !! each mode in the one that rounding of its shape takes least from. What hardly bends a stiff
+  !! spring hardly moves its mode, K u being exact: phi^T M u may leave 1e-16 there, which swings,
+  !! at 1e-16 omega.
+  pure subroutine in_modes(self, mass, damped, u, q, z)
+    class(rest_type), intent(in) :: self
+    !> Shape (n, n), C u, and u.
+    real(wp), intent(in) :: mass(:, :), damped(:), u(:)
+    !> As many as modes.
+    real(wp), intent(out) :: q(:)
+    complex(wp), intent(out) :: z(:)
+    real(wp), dimension(size(u)) :: moved, moved_most, pulled
+    real(real128) :: total(size(u))
+    real(wp) :: lost, bent
+    integer :: i, k
+
+    moved = matmul(mass, u)
+    q = matmul(moved, self%shapes)
+    z = self%poles*matmul(moved, self%right) + matmul(damped, self%right)
+    if (size(self%springs) == 0 .or. .not. any(abs(u) > 0.0_wp)) return
+    moved_most = matmul(abs(mass), abs(u))
+    total = 0.0_real128
+    do k = 1, size(u)
+      do i = 1, size(u)
+        if (abs(self%springs(i, k)) > 0.0_wp) then
+          total(i) = total(i) + real(self%springs(i, k), real128)*u(k)
+        end if
+      end do
+    end do
+    pulled = real(total, wp)
+    do i = 1, size(q)
+      lost = self%squares(i)*sum(abs(self%shapes(:, i))*moved_most)
+      bent = sum(abs(self%shapes(:, i))*abs(pulled))
+      if (bent < lost) q(i) = sum(self%shapes(:, i)*pulled)/self%squares(i)
+    end do
+    do i = 1, size(z)
+      lost = abs(self%poles(i))*(abs(self%poles(i))*sum(abs(self%right(:, i))*moved_most) &
+                                 + sum(abs(self%right(:, i))*abs(damped)))
+      bent = sum(abs(self%right(:, i))*abs(pulled))
+      if (bent < lost) z(i) = -sum(self%right(:, i)*pulled)/self%poles(i)
+    end do
+  end subroutine in_modes
 
   subroutine find_modes(rest, mass, damping, stiffness, places, pushed, modal, status)
     type(rest_type), intent(inout) :: rest

@@ -147,9 +147,8 @@ def test_many_coordinates_beside_stiff_springs_move_as_one_chain(kind, stiff):
     grown = expm(t * np.block([[rates, wave], [np.zeros((2, 2 * n)), turning]]))
     right = (grown @ [*start, *np.zeros(n), 0, 1])[: 2 * n].reshape(2, n)
     off = np.abs(run.state[0].reshape(2, n, 2) - right.T).max(axis=(0, 1))
-    # Rounding of the start lets the stiff springs swing, at their frequency.
-    assert off[0] < 2e-13
-    assert off[1] < 2e-13 + 1e-15 * np.sqrt(stiff)
+    # Velocities too: a start that hardly bends stiff springs does not let them swing.
+    assert off.max() < 2e-13
 
 
 def test_motions_that_do_not_swing_have_real_shapes():

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from viscovib._native import ComplexArray, FloatArray
+from viscovib._native import ComplexArray
 from viscovib.systems.relaxing_rest import remembered_of
 from viscovib.systems.structure_loads import damped
 from viscovib.systems.structure_rest import in_modes
@@ -21,10 +21,13 @@ def modal_arrays(motion: Any) -> dict[str, Any]:
     rest, inertia = c.rest, motion.loaded._inertia
     mass: Any = motion.mount.mass
     place, speed = motion.base_state(0.0) if motion.moves_base else (0.0, 0.0)
-    start, rates = motion.start, motion.speed
+    place_of, speed_of = motion.start, motion.speed
     b = motion.mount._base_direction
     if b is not None:
-        start, rates = start - place * b, rates - speed * b
+        place_of, speed_of = place_of - place * b, speed_of - speed * b
+    start, start_rates, others = in_modes(
+        rest, mass, damped(motion.mount, place_of), place_of, speed_of
+    )
     shown = np.concatenate([rest.shapes[motion.places].T, c.seen], axis=1)
     direction = np.zeros(shown.shape[1])
     if b is not None:
@@ -45,8 +48,7 @@ def modal_arrays(motion: Any) -> dict[str, Any]:
         "waves": rest.shapes.T @ forces,
         "base_waves": motion.loaded.base if motion.frequencies.size else np.zeros(1, complex),
         "shown": shown, "direction": direction, "inner": rest.shapes.T @ inertia,
-        "start": in_modes(rest.shapes, mass, start),
-        "start_rates": in_modes(rest.shapes, mass, rates),
+        "start": start, "start_rates": start_rates,
     }  # fmt: skip
     if not rest.squares.size:
         # One that does not move.
@@ -57,16 +59,14 @@ def modal_arrays(motion: Any) -> dict[str, Any]:
                 "start", "start_rates",
             )
         }  # fmt: skip
-    given |= _others(motion, forces, start, rates)
+    given |= _others(motion, forces, others)
     return {
         name: value if isinstance(value, int) else np.asfortranarray(value)
         for name, value in given.items()
     }
 
 
-def _others(
-    motion: Any, forces: ComplexArray, start: FloatArray, rates: FloatArray
-) -> dict[str, Any]:
+def _others(motion: Any, forces: ComplexArray, start: ComplexArray) -> dict[str, Any]:
     """The same of what has no real modes: of conjugate poles one, which counts twice.
 
     The state (u, u') is sum_l (left_l, pole_l left_l) z_l with
@@ -90,24 +90,19 @@ def _others(
     twice = np.where(poles.imag > 0, 2.0, 1.0)
     left = rest.left[:, kept] * twice
     mass: Any = motion.mount.mass
-
-    def state(u: FloatArray, v: FloatArray) -> ComplexArray:
-        resisted = damped(motion.mount, u)
-        pushed: Any = poles * (right.T @ (mass @ u)) + right.T @ (resisted + mass @ v)
-        return np.asarray(pushed)
-
     b = motion.mount._base_direction
     moved = np.zeros((kept.size, 2), complex)
     if b is not None:
         zero = np.zeros_like(b)
-        moved = np.stack([state(b, zero), state(zero, b)], axis=1)
+        kicks = [(damped(motion.mount, b), b, zero), (zero, zero, b)]
+        moved = np.stack([in_modes(c.rest, mass, *kick)[2][kept] for kick in kicks], axis=1)
     seen = c.left[kept] * twice[:, np.newaxis]
     found = {
         "poles": poles, "left": seen,
         "right": np.concatenate([c.right[kept], right.T @ motion.patterns], axis=1),
         "sine": right.T @ forces.real, "cosine": right.T @ forces.imag, "by_base": moved,
         "shown_left": np.concatenate([left[motion.places].T, seen], axis=1),
-        "start_others": state(start, rates)
+        "start_others": start[kept]
         + sum(one.pushed[kept] @ y for one, y in zip(rest.remembered, past, strict=True)),
     }  # fmt: skip
     return {name: np.concatenate([part, at_once[name]]) for name, part in found.items()} | {

@@ -38,7 +38,7 @@ def refined_modes(
     """Squares (m,) and shapes (n, m) of K r = omega^2 M r, symmetric, r^T M r = 1."""
     from scipy.linalg import eigh
 
-    bits = _bits_for(np.abs(squares))
+    bits = bits_for(np.abs(squares))
     if not bits:
         return squares, shapes
     springs, masses = Sliced((stiffness + stiffness.T) / 2, bits), Sliced(mass, _MASS_BITS)
@@ -84,7 +84,7 @@ def refined_poles(
     left_j + sum_i left_i E_ij, and the other side likewise. Of conjugate poles, which follow each
     other, one is refined.
     """
-    bits = _bits_for(np.abs(poles) ** 2)
+    bits = bits_for(np.abs(poles) ** 2)
     if not bits:
         return poles, left, right
     # Poles that are all real may come in real numbers: those of a saddle.
@@ -154,7 +154,7 @@ class _Pencil:
         return [part.times(x) for part in self.parts]
 
 
-def _bits_for(squares: FloatArray) -> float:
+def bits_for(squares: FloatArray) -> float:
     """Bits that products with the stiffness need for the least squares; 0: nothing is lost."""
     sizes = squares[squares > 0]
     if not sizes.size or sizes.min() > _ALIKE * sizes.max():

@@ -8,7 +8,8 @@ import numpy as np
 
 from viscovib._native import ComplexArray, FloatArray
 from viscovib.errors import InputError
-from viscovib.systems.refined_modes import refined_modes, refined_poles
+from viscovib.systems.exact_products import Sliced
+from viscovib.systems.refined_modes import bits_for, refined_modes, refined_poles
 from viscovib.systems.stiffness_ratio import (
     warn_of_lost_modes,
     warn_of_lost_poles,
@@ -62,6 +63,8 @@ class Rest(NamedTuple):
     remembered: tuple[Remembered, ...] = ()
     #: M, C and K where the complex modes are theirs.
     matrices: tuple[FloatArray, FloatArray, FloatArray] | None = None
+    #: K where all modes are its; None: what has no mass follows, or layers remember.
+    springs: FloatArray | None = None
 
     @property
     def n_modes(self) -> int:
@@ -116,7 +119,10 @@ def dense_rest(
             rates = rates + modal.rates(squares)
             losses = losses + modal.loss
         if not coupled:
-            return Rest(squares, rates, losses, shapes, np.zeros(0, complex), none, none)
+            return Rest(
+                squares, rates, losses, shapes, np.zeros(0, complex), none, none,
+                springs=(stiffness + stiffness.T) / 2,
+            )  # fmt: skip
     if modal is not None:
         damping = damping + _matrix_of(modal, mass, stiffness)
     return _complex_rest(mass, damping, stiffness, quiet)
@@ -248,7 +254,9 @@ def _complex_rest(
         warn_of_lost_poles(poles, left, right, stiffness)
     none = np.zeros(0)
     given = mass, damping, stiffness
-    return Rest(none, none, none, np.zeros((n, 0)), poles, left, right, matrices=given)
+    return Rest(
+        none, none, none, np.zeros((n, 0)), poles, left, right, matrices=given, springs=stiffness
+    )
 
 
 def _fastest(poles: ComplexArray, springs: FloatArray) -> float:
@@ -322,12 +330,38 @@ def _inverse(matrix: FloatArray) -> FloatArray:
         ) from None
 
 
-def in_modes(shapes: FloatArray, mass: Any, start: FloatArray) -> FloatArray:
-    """Phi^T M u: coordinates of modes of unit modal mass."""
+def in_modes(
+    rest: Rest, mass: Any, damped: FloatArray, place: FloatArray, speed: FloatArray
+) -> tuple[FloatArray, FloatArray, ComplexArray]:
+    """Coordinates of real modes, their rates, and states of complex ones, of displacements u.
+
+    ``damped``: C u. In two ways, of the same value,
+
+        phi^T M u = phi^T K u/omega^2,    right^T (pole M + C) u = -right^T K u/pole,
+
+    each mode in the one that rounding of its shape takes least from. What hardly bends a stiff
+    spring hardly moves its mode, K u being exact: phi^T M u may leave 1e-16 there, which swings,
+    at 1e-16 omega.
+    """
     with np.errstate(over="ignore", invalid="ignore"):
-        found = np.asarray(shapes.T @ (mass @ start))
-    if not np.isfinite(found).all():
+        moved, driven = mass @ place, mass @ speed
+        real, poles = rest.shapes.T @ moved, rest.poles
+        others = poles * (rest.right.T @ moved) + rest.right.T @ damped
+        squares = np.concatenate([np.abs(rest.squares), np.abs(poles) ** 2])
+        bits = bits_for(squares) if place.any() else 0.0
+        if bits and rest.springs is not None:
+            exact = Sliced(rest.springs, bits).times(place[:, np.newaxis])
+            pulled, size = exact[:, 0].astype(float), np.abs(mass) @ np.abs(place)
+            shapes, right = np.abs(rest.shapes).T, np.abs(rest.right).T
+            soft = shapes @ np.abs(pulled) < rest.squares * (shapes @ size)
+            real[soft] = (rest.shapes.T @ pulled)[soft] / rest.squares[soft]
+            lost = np.abs(poles) * (right @ size) + right @ np.abs(damped)
+            soft = right @ np.abs(pulled) < np.abs(poles) * lost
+            others[soft] = -(rest.right.T @ pulled)[soft] / poles[soft]
+        found = real, rest.shapes.T @ driven, others + rest.right.T @ driven
+    if not all(np.isfinite(part).all() for part in found):
         raise InputError(
-            f"initial = {np.abs(start).max():g}: no finite number in modes, must be smaller"
+            f"initial = {np.abs([place, speed]).max():g}: no finite number in modes, must be "
+            "smaller"
         )
     return found
