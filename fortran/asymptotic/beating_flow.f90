@@ -19,7 +19,8 @@
 !! that vanish smoothly at both ends (Das, Saiki, Sander, Yorke, Nonlinearity 30 (2017) 4111).
 module viscovib_beating_flow
   use viscovib_beat_lattice, only: beat_lattice_type, find_beats, max_beats, transform
-  use viscovib_dense, only: factorize_blocks, solve, solve_complex
+  use viscovib_block_factors, only: factorize_blocks
+  use viscovib_dense, only: solve, solve_complex
   use viscovib_flow_stability, only: real_matrix
   use viscovib_kinds, only: wp
   use viscovib_modulation, only: modulate, modulation_complete

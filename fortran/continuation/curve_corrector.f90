@@ -7,10 +7,11 @@
 !! keeps the factors of its first step as long as that converges fast, so that a point
 !! takes one factorization.
 module viscovib_curve_corrector
+  use viscovib_block_factors, only: factorize_blocks
   use viscovib_curve, only: curve_type
   use viscovib_curve_point, only: angle_between, curve_metric, curve_point, metric, normalize, &
     off_at_value
-  use viscovib_dense, only: factorize_blocks, factorize_padded, largest_in_rows, solve_padded
+  use viscovib_dense, only: factorize_padded, largest_in_rows, solve_padded
   use viscovib_kinds, only: wp
   use viscovib_stopping, only: given_up
   implicit none

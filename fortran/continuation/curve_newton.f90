@@ -1,8 +1,9 @@
 !> One solution of the equations of a curve at a fixed parameter, by Newton's method,
 !! which keeps its factors as long as corrections then shrink fast.
 module viscovib_curve_newton
+  use viscovib_block_factors, only: factorize_blocks
   use viscovib_curve, only: curve_type
-  use viscovib_dense, only: factorize_blocks, solve
+  use viscovib_dense, only: solve
   use viscovib_kinds, only: wp
   use viscovib_outcomes, only: outcome_converged, outcome_diverged, outcome_overflow, &
     outcome_singular, outcome_stalled

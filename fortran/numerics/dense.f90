@@ -1,15 +1,16 @@
 !> Small dense linear algebra, sized for a handful of unknowns.
 module viscovib_dense
+  use viscovib_block_factors, only: factorize_blocks
   use viscovib_kinds, only: wp
   implicit none
   private
 
-  public :: invert, factorize, factorize_padded, factorize_blocks, solve, solve_padded
+  public :: invert, factorize, factorize_padded, solve, solve_padded
   public :: solve_columns
   public :: solve_complex, equilibrate, largest_in_rows, outer
 
-  !> Columns of a block in `factorize_blocks`.
-  integer, parameter :: block_width = 48
+  !> Unknowns from which on blocks of columns take less time.
+  integer, parameter :: many = 64
   !> Right sides taken together in `solve_columns`.
   integer, parameter :: together = 24
 
@@ -102,7 +103,11 @@ contains
     real(wp), intent(inout) :: matrix(n, n)
     integer, intent(out) :: pivots(n)
     logical, intent(out) :: singular
-    call factorize_padded(n, n, matrix, pivots, singular)
+    if (n < many) then
+      call factorize_padded(n, n, matrix, pivots, singular)
+    else
+      call factorize_blocks(n, matrix, pivots, singular)
+    end if
   end subroutine factorize
 
   !> The same for a matrix in the first n of some rows: made a multiple of 8, they are
@@ -164,80 +169,6 @@ contains
       end do
     end do
   end subroutine factorize_padded
-
-  !> The same factors, in blocks of columns so that most of the work is products of
-  !! matrices: for hundreds of unknowns and more.
-  pure subroutine factorize_blocks(n, matrix, pivots, singular)
-    integer, intent(in) :: n
-    real(wp), intent(inout) :: matrix(n, n)
-    integer, intent(out) :: pivots(n)
-    logical, intent(out) :: singular
-    real(wp) :: row
-    integer :: first, last, j, k
-
-    singular = .false.
-    pivots = [(k, k=1, n)]
-    do first = 1, n, block_width
-      last = min(first + block_width - 1, n)
-      call factorize_panel(n, first, last, matrix(:, first:last), pivots, singular)
-      if (singular) return
-      do j = 1, n
-        if (j >= first .and. j <= last) cycle
-        do k = first, last
-          row = matrix(pivots(k), j)
-          matrix(pivots(k), j) = matrix(k, j)
-          matrix(k, j) = row
-        end do
-      end do
-      if (last == n) return
-      do j = last + 1, n
-        do k = first, last
-          matrix(k + 1:last, j) = matrix(k + 1:last, j) - matrix(k + 1:last, k)*matrix(k, j)
-        end do
-      end do
-      matrix(last + 1:n, last + 1:n) = matrix(last + 1:n, last + 1:n) &
-                                       - matmul(matrix(last + 1:n, first:last), &
-                                                matrix(first:last, last + 1:n))
-    end do
-  end subroutine factorize_blocks
-
-  !> Columns first to last, rows from first on, of the matrix of n rows.
-  pure subroutine factorize_panel(n, first, last, panel, pivots, singular)
-    integer, intent(in) :: n, first, last
-    real(wp), intent(inout) :: panel(n, first:last)
-    integer, intent(inout) :: pivots(n)
-    logical, intent(out) :: singular
-    real(wp) :: factor, row
-    integer :: i, j, k, p
-
-    singular = .false.
-    do k = first, last
-      p = k
-      do i = k + 1, n
-        if (abs(panel(i, k)) > abs(panel(p, k))) p = i
-      end do
-      pivots(k) = p
-      singular = .not. (abs(panel(p, k)) > 0.0_wp .and. abs(panel(p, k)) <= huge(factor))
-      if (singular) return
-      if (p /= k) then
-        do j = first, last
-          row = panel(p, j)
-          panel(p, j) = panel(k, j)
-          panel(k, j) = row
-        end do
-      end if
-      factor = 1.0_wp/panel(k, k)
-      do i = k + 1, n
-        panel(i, k) = panel(i, k)*factor
-      end do
-      do j = k + 1, last
-        factor = panel(k, j)
-        do i = k + 1, n
-          panel(i, j) = panel(i, j) - panel(i, k)*factor
-        end do
-      end do
-    end do
-  end subroutine factorize_panel
 
   !> Solution by the factors of either, in place of the right side.
   pure subroutine solve(n, factors, pivots, x)

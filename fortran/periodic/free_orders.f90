@@ -7,8 +7,9 @@
 !! geometric fall leaves a small part. The step takes the derivatives of the larger set, so
 !! that it sees a mode that an order left out resonates with.
 module viscovib_free_orders
+  use viscovib_block_factors, only: factorize_blocks
   use viscovib_curve, only: curve_type
-  use viscovib_dense, only: factorize_blocks, factorize_padded, solve_padded
+  use viscovib_dense, only: factorize_padded, solve_padded
   use viscovib_kinds, only: wp
   use viscovib_limits, only: max_harmonics
   use viscovib_order_rules, only: better_bound, max_vain

@@ -13,7 +13,8 @@
 !! (2011) 1715) takes the part that P misses out of the last steps, as GMRES would. An
 !! iteration costs a residual: nothing grows with the square of the unknowns.
 module viscovib_torus_levels
-  use viscovib_dense, only: factorize_blocks, invert, solve
+  use viscovib_block_factors, only: factorize_blocks
+  use viscovib_dense, only: invert, solve
   use viscovib_kinds, only: wp
   use viscovib_outcomes, only: outcome_converged, outcome_diverged, outcome_stalled
   use viscovib_status, only: status_type

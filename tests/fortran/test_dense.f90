@@ -1,7 +1,8 @@
 !> Small dense linear algebra: inverses against the identity.
 module test_dense
   use testing, only: begin, check, check_close
-  use viscovib_dense, only: factorize, factorize_blocks, invert, solve
+  use viscovib_block_factors, only: factorize_blocks
+  use viscovib_dense, only: factorize, factorize_padded, invert, solve
   use viscovib_kinds, only: wp
   implicit none
   private
@@ -93,7 +94,7 @@ contains
   end subroutine solve_some
 
   subroutine compare_factors()
-    integer, parameter :: sizes(5) = [1, 47, 48, 49, 130]
+    integer, parameter :: sizes(7) = [1, 9, 47, 48, 49, 130, 205]
     real(wp), allocatable :: matrix(:, :), blocks(:, :)
     integer, allocatable :: pivots(:), other(:)
     logical :: singular
@@ -108,7 +109,7 @@ contains
         end do
       end do
       blocks = matrix
-      call factorize(n, matrix, pivots, singular)
+      call factorize_padded(n, n, matrix, pivots, singular)
       call check(.not. singular, 'regular')
       call factorize_blocks(n, blocks, other, singular)
       call check(.not. singular, 'regular in blocks')
