@@ -31,9 +31,16 @@ module viscovib_harmonic_set
     procedure :: to_samples
     procedure :: to_harmonics
     procedure :: sample
+    procedure :: held
   end type harmonic_set_type
 
 contains
+
+  !> Rows before those with an equation: the mean has no real part, which is held at 0.
+  pure integer function held(self)
+    class(harmonic_set_type), intent(in) :: self
+    held = merge(1, 0, self%orders(1) == 0)
+  end function held
 
   pure subroutine new_harmonic_set(set, highest, half_wave, degree)
     type(harmonic_set_type), intent(out) :: set

@@ -132,6 +132,7 @@ contains
         moved(i, d) = sign(moved(i, d), cos(real((i + d)**2, wp)))
       end do
     end do
+    moved(:balance%set%held(), :) = 0.0_wp
     call solve(size(x), lu, pivots, moved)
     most = weighted_norm(system, moved)
   end function rounding_of

@@ -180,6 +180,7 @@ contains
         most = max(most, abs(self%system%mass(d, e))*largest(e))
       end do
       terms((d - 1)*rows + 1:d*rows) = most
+      terms((d - 1)*rows + 1:(d - 1)*rows + self%balance%set%held()) = 0.0_wp
     end do
   end subroutine raise_terms
 

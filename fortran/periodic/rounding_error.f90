@@ -104,6 +104,7 @@ contains
         terms(:, d) = max(maxval(terms(:, d)), abs(system%mass(d, e))*maxval(inertia(:, e)))
       end do
     end do
+    terms(:balance%set%held(), :) = 0.0_wp
   end subroutine find_terms
 
 end module viscovib_rounding_error

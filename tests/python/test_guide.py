@@ -2,6 +2,7 @@
 
 import re
 import runpy
+import shutil
 import warnings
 from pathlib import Path
 
@@ -14,6 +15,7 @@ matplotlib.use("Agg")
 
 ROOT = Path(__file__).parents[2]
 BLOCK = re.compile(r"```python\n(.*?)```", re.DOTALL)
+SCENE = re.compile(r"```\n(&.*?)```", re.DOTALL)
 FOLDERS = ("tutorials", "howto", "explanation", "reference")
 PAGES = [
     str(page.relative_to(ROOT))
@@ -44,6 +46,18 @@ def test_scripts_of_the_gallery_draw(script, tmp_path, monkeypatch):
         runpy.run_path(str(script))
     assert matplotlib.pyplot.get_fignums()
     matplotlib.pyplot.close("all")
+
+
+def test_scenes_of_pages_are_whole(tmp_path):
+    shutil.copytree(ROOT / "data/scenes", tmp_path, dirs_exist_ok=True)
+    scenes = 0
+    for page in sorted((ROOT / "docs").rglob("*.md")):
+        for number, text in enumerate(SCENE.findall(page.read_text())):
+            scene = tmp_path / f"{page.stem}_{number}.nml"
+            scene.write_text(text)
+            vv.plan(vv.Scene.read(scene))
+            scenes += 1
+    assert scenes >= 4
 
 
 def test_links_between_pages_lead_somewhere():
