@@ -302,7 +302,7 @@ contains
     type(curve_point), intent(inout) :: point
     real(wp) :: pushed(f%curve%n), short, moved, at_value, blurred, error, off
     if (.not. associated(f%sized)) return
-    call f%sized%left_out(point%x, point%p, pushed, short, f%own)
+    call f%sized%left_out(point%x, point%p, pushed, short, f%own, .false.)
     call truncation_shift(f%corrector, point, pushed, moved, at_value)
     point%missed = max(f%own, short*moved)
     point%truncation = max(point%missed, min(1.0_wp, short*at_value))

@@ -22,6 +22,8 @@ module viscovib_curve_record
 
   !> How far a fold may be moved, in units of its estimated error.
   real(wp), parameter :: past_fold = 2.0_wp
+  !> How far from a fold, relative to x, the curve is a parabola.
+  real(wp), parameter :: beside_fold = 0.2_wp
 
   type :: curve_branch_type
     integer :: n_points = 0, outcome = curve_completed
@@ -101,23 +103,39 @@ contains
     if (stop) self%stops = [self%stops, self%n_points]
   end subroutine add
 
-  !> Where a fold may be moved past a point, there may be no solution at its value of p.
-  subroutine doubt_beside_folds(self)
+  !> Beside a fold, p - p_fold = a s^2 with s how far x is from it: a fold moved by e has, at the
+  !! same p, the motion at s sqrt(1 - e/|p - p_fold|). Where it may be moved past a point, there may
+  !! be no solution at its value of p.
+  subroutine doubt_beside_folds(self, weights)
     class(curve_branch_type), intent(inout) :: self
-    real(wp) :: near
+    !> Of each block.
+    real(wp), intent(in) :: weights(:)
+    real(wp) :: apart, last, off, w(size(self%x, 1))
     integer :: i, k, way
 
     if (.not. allocated(self%truncation)) return
+    w = [(spread(weights(k), 1, size(w)/size(weights)), k=1, size(weights))]
     do k = 1, self%folds%n
-      near = past_fold*self%folds%error(k)
-      do way = -1, 1, 2
-        i = self%folds%before(k) + max(way, 0)
-        do while (i >= 1 .and. i <= self%n_points)
-          if (abs(self%parameter(i) - self%folds%p(k)) > near) exit
-          self%truncation(i) = 1.0_wp
-          i = i + way
+      associate (error => self%folds%error(k))
+        do way = -1, 1, 2
+          last = 0.0_wp
+          i = self%folds%before(k) + max(way, 0)
+          do while (i >= 1 .and. i <= self%n_points)
+            apart = abs(self%parameter(i) - self%folds%p(k))
+            off = sqrt(sum(w*(self%x(:, i) - self%folds%x(:, k))**2) &
+                       /max(sum(w*self%x(:, i)**2), tiny(1.0_wp)))
+            if (apart > past_fold*error) then
+              if (off > beside_fold .or. apart < last) exit
+              off = off*(1.0_wp - sqrt(1.0_wp - error/apart))
+            else
+              off = 1.0_wp
+            end if
+            self%truncation(i) = max(self%truncation(i), min(off, 1.0_wp))
+            last = apart
+            i = i + way
+          end do
         end do
-      end do
+      end associate
     end do
   end subroutine doubt_beside_folds
 

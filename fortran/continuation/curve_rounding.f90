@@ -53,7 +53,7 @@ contains
     select type (curve)
     class is (sized_curve_type)
       if (curve%adaptive) then
-        call curve%left_out(fold%x, fold%p, pushed, short, own)
+        call curve%left_out(fold%x, fold%p, pushed, short, own, .true.)
         call displace(c, pushed, off)
         moved = short*abs(off(curve%n + 1))
       end if

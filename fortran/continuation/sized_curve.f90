@@ -24,7 +24,7 @@ module viscovib_sized_curve
   abstract interface
 
     !> What the unknowns left out do at a solution (x, p).
-    subroutine left_out_interface(self, x, p, pushed, short, own)
+    subroutine left_out_interface(self, x, p, pushed, short, own, closely)
       import :: sized_curve_type, wp
       class(sized_curve_type), intent(inout) :: self
       !> Shape (n).
@@ -34,6 +34,8 @@ module viscovib_sized_curve
       real(wp), intent(out) :: pushed(:), short
       !> Their size relative to x.
       real(wp), intent(out) :: own
+      !> Whether signs of residuals count, not their size alone: more is spent on them.
+      logical, intent(in) :: closely
     end subroutine left_out_interface
 
     !> How many unknowns to go on with, which `resize` brings about.

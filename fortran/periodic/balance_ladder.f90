@@ -10,7 +10,7 @@ module viscovib_balance_ladder
   implicit none
   private
 
-  public :: balance_ladder_type, lowest_order, new_ladder, one_rung, judging_order
+  public :: balance_ladder_type, rung_type, lowest_order, new_ladder, one_rung, judging_order
 
   !> Part of a motion that leaving out orders may change at most, if that is within what is allowed
   !! besides.
@@ -44,6 +44,7 @@ module viscovib_balance_ladder
     procedure :: probe_of
     procedure :: prepare
     procedure :: prepare_probe
+    procedure :: far_probe
     procedure :: forget
   end type balance_ladder_type
 
@@ -169,19 +170,27 @@ contains
     class(oscillator_type), intent(in) :: system
     type(load_type), intent(in) :: load
     real(wp), intent(in) :: nu
+    call make_ready(self, self%rungs(rung), rung, system, load, nu)
+  end subroutine prepare
+
+  subroutine make_ready(self, here, rung, system, load, nu)
+    class(balance_ladder_type), intent(in) :: self
+    type(rung_type), intent(inout) :: here
+    integer, intent(in) :: rung
+    class(oscillator_type), intent(in) :: system
+    type(load_type), intent(in) :: load
+    real(wp), intent(in) :: nu
     type(harmonic_set_type) :: set
 
-    associate (here => self%rungs(rung))
-      if (.not. here%ready) then
-        call new_harmonic_set(set, self%highest(rung), self%half_wave, self%degree)
-        call new_balance(here%balance, system, set)
-        here%ready = .true.
-      end if
-      if (.not. abs(here%balance_nu - nu) > 0.0_wp) return
-      call here%balance%set_frequency(system, load, nu)
-      here%balance_nu = nu
-    end associate
-  end subroutine prepare
+    if (.not. here%ready) then
+      call new_harmonic_set(set, self%highest(rung), self%half_wave, self%degree)
+      call new_balance(here%balance, system, set)
+      here%ready = .true.
+    end if
+    if (.not. abs(here%balance_nu - nu) > 0.0_wp) return
+    call here%balance%set_frequency(system, load, nu)
+    here%balance_nu = nu
+  end subroutine make_ready
 
   !> Make the rung ready that judges this one.
   subroutine prepare_probe(self, rung, system, load, nu)
@@ -190,28 +199,51 @@ contains
     class(oscillator_type), intent(in) :: system
     type(load_type), intent(in) :: load
     real(wp), intent(in) :: nu
+    call self%prepare(self%probe_of(rung), system, load, nu)
+    call make_judge(self, self%rungs(self%probe_of(rung)), rung, system, nu)
+  end subroutine prepare_probe
+
+  !> A rung with twice the orders of this one, or more, that judges it: where signs count, as those
+  !! of what orders left out do to the place of a fold, those next to the ones kept may cancel.
+  subroutine far_probe(self, rung, system, load, nu, probe)
+    class(balance_ladder_type), intent(in) :: self
+    integer, intent(in) :: rung
+    class(oscillator_type), intent(in) :: system
+    type(load_type), intent(in) :: load
+    real(wp), intent(in) :: nu
+    type(rung_type), intent(out) :: probe
+    integer :: twice
+    twice = rung + self%highest(rung)/self%step + 1
+    call make_ready(self, probe, max(self%probe_of(rung), twice), system, load, nu)
+    call make_judge(self, probe, rung, system, nu)
+  end subroutine far_probe
+
+  subroutine make_judge(self, here, rung, system, nu)
+    class(balance_ladder_type), intent(in) :: self
+    !> Ready for the frequency.
+    type(rung_type), intent(inout) :: here
+    integer, intent(in) :: rung
+    class(oscillator_type), intent(in) :: system
+    real(wp), intent(in) :: nu
     integer :: k, d, n, first
     logical :: singular
 
-    call self%prepare(self%probe_of(rung), system, load, nu)
-    associate (here => self%rungs(self%probe_of(rung)))
-      if (.not. abs(here%compliance_nu - nu) > 0.0_wp .and. here%judged == rung) return
-      d = system%n_dof()
-      first = self%n_orders(rung)
-      n = size(here%balance%set%orders) - first
-      if (here%judged /= rung) then
-        if (allocated(here%compliance)) deallocate (here%compliance)
-        allocate (here%compliance(d, d, n))
-        here%judged = rung
-      end if
-      do k = 1, n
-        call invert(here%balance%stiffness(:, :, first + k), here%compliance(:, :, k), singular)
-        ! Undamped and in resonance: an order of any size may be missing.
-        if (singular) here%compliance(:, :, k) = huge(1.0_wp)**0.25_wp
-      end do
-      here%compliance_nu = nu
-    end associate
-  end subroutine prepare_probe
+    if (.not. abs(here%compliance_nu - nu) > 0.0_wp .and. here%judged == rung) return
+    d = system%n_dof()
+    first = self%n_orders(rung)
+    n = size(here%balance%set%orders) - first
+    if (here%judged /= rung) then
+      if (allocated(here%compliance)) deallocate (here%compliance)
+      allocate (here%compliance(d, d, n))
+      here%judged = rung
+    end if
+    do k = 1, n
+      call invert(here%balance%stiffness(:, :, first + k), here%compliance(:, :, k), singular)
+      ! Undamped and in resonance: an order of any size may be missing.
+      if (singular) here%compliance(:, :, k) = huge(1.0_wp)**0.25_wp
+    end do
+    here%compliance_nu = nu
+  end subroutine make_judge
 
   !> The system has changed: nothing is ready for any frequency.
   pure subroutine forget(self)

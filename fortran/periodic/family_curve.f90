@@ -192,13 +192,14 @@ contains
     if (inside) call self%balance%derivatives(self%system, jacobian)
   end subroutine equations
 
-  subroutine left_out(self, x, p, pushed, short, own)
+  subroutine left_out(self, x, p, pushed, short, own, closely)
     class(family_curve_type), intent(inout) :: self
     real(wp), intent(in) :: x(:), p
     real(wp), intent(out) :: pushed(:), short, own
+    logical, intent(in) :: closely
     logical :: inside
     call self%set(p, inside)
-    call self%oscillator_curve_type%left_out(x, 1.0_wp, pushed, short, own)
+    call self%oscillator_curve_type%left_out(x, 1.0_wp, pushed, short, own, closely)
   end subroutine left_out
 
   subroutine discard(self)

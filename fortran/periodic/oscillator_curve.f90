@@ -1,7 +1,7 @@
 !> Periodic motions of an oscillator as a curve: the harmonics over the frequency or
 !! the factor of the load.
 module viscovib_oscillator_curve
-  use viscovib_balance_ladder, only: balance_ladder_type
+  use viscovib_balance_ladder, only: balance_ladder_type, rung_type
   use viscovib_harmonic_balance, only: balance_type, new_balance
   use viscovib_harmonic_set, only: harmonic_set_type
   use viscovib_kinds, only: wp
@@ -184,27 +184,40 @@ contains
     end do
   end subroutine raise_terms
 
-  subroutine left_out(self, x, p, pushed, short, own)
+  subroutine left_out(self, x, p, pushed, short, own, closely)
     class(oscillator_curve_type), intent(inout) :: self
     real(wp), intent(in) :: x(:), p
     real(wp), intent(out) :: pushed(:), short, own
-    real(wp) :: motion(self%n/self%blocks, self%blocks), push(self%n/self%blocks, self%blocks)
-    real(wp) :: change(2*self%ladder%n_orders(self%ladder%probe_of(self%rung)), self%blocks)
+    logical, intent(in) :: closely
+    real(wp) :: motion(self%n/self%blocks, self%blocks), nu
+    type(rung_type) :: far
 
-    associate (by_frequency => self%vary == vary_frequency, &
-               probe => self%ladder%rungs(self%ladder%probe_of(self%rung)))
-      call self%ladder%prepare_probe(self%rung, self%system, self%load, &
-                                     merge(p, self%balance%nu, by_frequency))
-      probe%balance%load_factor = merge(self%balance%load_factor, p, by_frequency)
-      motion = reshape(x, shape(motion))
+    motion = reshape(x, shape(motion))
+    nu = merge(p, self%balance%nu, self%vary == vary_frequency)
+    if (closely) then
+      call self%ladder%far_probe(self%rung, self%system, self%load, nu, far)
+      call look(far)
+    else
+      call self%ladder%prepare_probe(self%rung, self%system, self%load, nu)
+      call look(self%ladder%rungs(self%ladder%probe_of(self%rung)))
+    end if
+
+  contains
+
+    subroutine look(probe)
+      type(rung_type), intent(inout) :: probe
+      real(wp), dimension(2*size(probe%balance%set%orders), self%blocks) :: change
+      real(wp) :: push(size(motion, 1), self%blocks)
+      probe%balance%load_factor = merge(self%balance%load_factor, p, self%vary == vary_frequency)
       call find_left_out(probe%balance, probe%compliance, self%system, motion, change, push, own, &
-                         short)
+                         short, closely)
       self%share = share_of_motion(self%system, self%load, probe%balance%load_factor, &
                                    self%balance%set%orders, motion)
-    end associate
-    own = own/self%share
-    short = short/self%share
-    pushed = reshape(push, [self%n])
+      own = own/self%share
+      short = short/self%share
+      pushed = reshape(push, [self%n])
+    end subroutine look
+
   end subroutine left_out
 
   !> As `choose_orders` does at one frequency.

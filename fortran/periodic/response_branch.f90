@@ -109,7 +109,7 @@ contains
       end do
     end if
     call branch%end_with_numbers()
-    call branch%doubt_beside_folds()
+    call branch%doubt_beside_folds([(curve%system%mass(i, i), i=1, curve%blocks)])
     ! Where the first point could not be corrected there is no branch.
     if (outcome == outcome_converged .and. branch%n_points == 0) outcome = outcome_stalled
     if (outcome == outcome_converged) call keep_used(curve, branch)

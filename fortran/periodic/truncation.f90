@@ -29,8 +29,10 @@ module viscovib_truncation
 
   public :: estimate_truncation, find_left_out, kinked_tail
 
-  !> Largest factor between two turns that is believed.
-  real(wp), parameter :: slowest = 0.9_wp
+  !> Largest factor between two turns that is believed, and that after which no other is needed.
+  real(wp), parameter :: slowest = 0.9_wp, little = 0.02_wp
+  !> Turns at most, to look closely.
+  integer, parameter :: most_turns = 6
   !> Powers with which harmonics fall off beside jumps and kinks of the force, at least; beyond so
   !! much they fall off geometrically.
   real(wp), parameter :: beside_jumps = 3.0_wp, beside_kinks = 4.0_wp, fastest_fall = 12.0_wp
@@ -65,7 +67,7 @@ contains
     integer :: n
 
     n = size(x, 1)
-    call find_left_out(probe, compliance, system, x, change, back, outside, short)
+    call find_left_out(probe, compliance, system, x, change, back, outside, short, .false.)
     call solve(size(back), factors%lu, factors%pivots, back)
     change(:n, :) = -back
     norm = weighted_norm(system, x)
@@ -74,7 +76,7 @@ contains
   end subroutine estimate_truncation
 
   !> The orders left out, and what they do to the equations of those kept.
-  subroutine find_left_out(probe, compliance, system, x, change, pushed, outside, short)
+  subroutine find_left_out(probe, compliance, system, x, change, pushed, outside, short, closely)
     type(balance_type), intent(inout) :: probe
     complex(wp), intent(in) :: compliance(:, :, :)
     class(oscillator_type), intent(in) :: system
@@ -83,9 +85,11 @@ contains
     real(wp), intent(out) :: change(:, :), pushed(:, :)
     !> Relative size of the orders left out, and by what factor this falls short of all.
     real(wp), intent(out) :: outside, short
+    !> To iterate until little is left.
+    logical, intent(in) :: closely
     real(wp), dimension(size(change, 1), size(change, 2)) :: y, r
-    real(wp) :: norm, first, rest, reach
-    integer :: n
+    real(wp) :: norm, first, rest, before, factor, reach
+    integer :: n, turn
 
     n = size(x, 1)
     y(:n, :) = x
@@ -93,15 +97,23 @@ contains
     call probe%residual(system, y, r)
     change = 0.0_wp
     call add_left_out(compliance, r(n + 1:, :), change(n + 1:, :))
-    y(n + 1:, :) = change(n + 1:, :)
-    call probe%residual(system, y, r)
+    rest = weighted_norm(system, change(n + 1:, :))
+    do turn = 1, merge(most_turns, 1, closely)
+      before = rest
+      y(n + 1:, :) = change(n + 1:, :)
+      call probe%residual(system, y, r)
+      call add_left_out(compliance, r(n + 1:, :), change(n + 1:, :))
+      rest = weighted_norm(system, change(n + 1:, :) - y(n + 1:, :))
+      if (.not. (rest > little*before .and. rest < slowest*before)) exit
+    end do
     pushed = r(:n, :)
     norm = weighted_norm(system, x)
-    first = weighted_norm(system, change(n + 1:, :))
-    call add_left_out(compliance, r(n + 1:, :), change(n + 1:, :))
-    rest = weighted_norm(system, change(n + 1:, :) - y(n + 1:, :))
+    first = weighted_norm(system, y(n + 1:, :))
     short = 1.0_wp
-    if (first > 0.0_wp) short = 1.0_wp/(1.0_wp - min(rest/first, slowest))
+    if (first > 0.0_wp) then
+      factor = min(rest/before, slowest)
+      short = 1.0_wp + before/first*factor/(1.0_wp - factor)
+    end if
     if (probe%kinked) then
       first = first*short
       call kinked_tail(system, x, probe%set%orders, first, reach, short)

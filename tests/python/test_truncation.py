@@ -371,3 +371,22 @@ def test_beside_folds_truncation_is_that_of_the_motion_at_its_frequency(seed):
     beside = (np.abs(branch.nu[:, None] - branch.folds) <= branch.fold_errors) & (off < 0.02)
     assert beside.any()
     assert (branch.truncation[beside.any(axis=1)] == 1).all()
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_what_orders_left_out_do_to_folds_is_summed_with_its_signs(seed):
+    """Of folds of superharmonic resonances too, where orders next to those kept nearly cancel."""
+    rng = np.random.default_rng(seed)
+    cubic, square = rng.uniform(0.3, 0.7), rng.uniform(0.15, 0.3)
+    system = vv.PolynomialSystem(
+        mass=1, stiffness=1, damping=0.02, forces=f"{cubic}*x^3 + {square}*x^2", names=["x"]
+    )
+    wanted = dict(load=rng.uniform(0.6, 1.2), stability=False)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", vv.ConvergenceWarning)
+        few = vv.trace_response(system, (0.35, 4.0), harmonics=6, **wanted)
+        whole = vv.trace_response(system, (0.35, 4.0), harmonics=24, **wanted)
+    assert len(few.folds) == len(whole.folds) >= 4
+    off = np.abs(few.folds - whole.folds)
+    assert (off < 1.1 * few.fold_errors).all()
+    assert (off > 0.9 * few.fold_errors).all()
