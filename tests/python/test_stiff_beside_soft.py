@@ -74,6 +74,47 @@ def test_weak_dampers_beside_a_strong_one(strong, turn):
         assert found == pytest.approx(np.abs(np.linalg.solve(dynamic, [1, 0])), rel=1e-12)
 
 
+@pytest.mark.parametrize("kind", ["of modes", "coupled", "free"])
+def test_soft_motions_beside_stiff_springs_that_relax(kind):
+    """Layers with memory: the sum of stiffnesses, which is rounded, must not be what moves."""
+    rng = np.random.default_rng(6)
+    for i in range(4):
+        n, rate = 3, 10 ** rng.uniform(-1, 1)
+        weight = rate * rng.uniform(0.1, 0.5)
+        joints = np.eye(n + 1, n) - np.eye(n + 1, n, k=-1)
+        springs, held = rng.uniform(0.5, 2, n + 1), rng.uniform(0.2, 0.8, n + 1)
+        if kind == "free":
+            # In numbers of which sums are exact: rounded ones would hold it.
+            springs, held = np.array([0, 0.75, 1.5, 0]), np.array([0.5, 0.25, 0.75, 0.5])
+        springs[1 + i % 2] = 2.0 ** rng.integers(14, 27)
+        stiffness = joints.T @ (springs[:, np.newaxis] * joints)
+        layer = joints.T @ ((springs * held)[:, np.newaxis] * joints)
+        damping = 0.02 * np.diag(rng.uniform(0.5, 2, n)) * (kind == "coupled")
+        mass = rng.uniform(0.5, 2, n)
+        if kind == "of modes":
+            layer = 0.5 * stiffness
+        start = np.linalg.solve(stiffness + np.diag(mass), rng.normal(size=n))
+        kernel = vv.PronyKernel(weights=[weight], rates=[rate])
+        structure = vv.Structure(
+            mass=np.diag(mass), stiffness=stiffness, damping=damping, layers=[(layer, kernel)]
+        )
+        run = vv.simulate(
+            structure, 8, initial=np.column_stack([start, 0 * start]).ravel(), times=[8]
+        )
+        with mpmath.workdps(70):
+            a = mpmath.zeros(3 * n)
+            for j in range(n):
+                a[j, n + j], a[2 * n + j, j], a[2 * n + j, 2 * n + j] = 1, weight, -rate
+                for k in range(n):
+                    m, own = mpmath.mpf(mass[j]), mpmath.mpf(layer[j, k])
+                    a[n + j, k] = -(mpmath.mpf(stiffness[j, k]) + own) / m
+                    a[n + j, n + k] = -mpmath.mpf(damping[j, k]) / m
+                    a[n + j, 2 * n + k] = own / m
+            found = mpmath.expm(8 * a) * mpmath.matrix([*start, *np.zeros(2 * n)])
+            true = np.array([float(x) for x in found][: 2 * n]).reshape(2, n)
+        assert np.abs(run.state[0].reshape(n, 2).T - true).max() < 2e-13
+
+
 def test_soft_natural_frequencies_beside_a_stiff_spring():
     rng = np.random.default_rng(2)
     for _ in range(20):

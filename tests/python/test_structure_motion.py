@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import viscovib as vv
 from scipy.integrate import solve_ivp
-from scipy.linalg import expm
+from scipy.linalg import eigh, expm
 
 PRONY = vv.PronyKernel(weights=[0.1, 0.3], rates=[0.5, 3.0])
 SINGULAR = vv.RzhanitsynKernel(amplitude=0.1, alpha=0.3, beta=0.2)
@@ -319,3 +319,46 @@ def test_a_large_structure_that_only_its_start_moves(n):
         system, 10.0, initial=[0.1, 0] * n, tolerance=1e-9, coordinates=system.dof_names[:3]
     )
     assert every.state[-1, 0] == pytest.approx(run.state[-1, 0], abs=1e-14)
+
+
+DAMPED = {
+    "modal, dampers": {"damping": np.diag([0.1, 0.02, 0.3]), "modal_damping": 0.05},
+    "Rayleigh, dampers": {"damping": np.diag([0.1, 0.02, 0.3]), "rayleigh": (0.05, 0.02)},
+    "modal, layer": {"modal_damping": 0.05},
+    "Rayleigh, layer": {"rayleigh": (0.05, 0.02)},
+    "Rayleigh, coupling layer": {"rayleigh": (0.05, 0.02)},
+}
+
+
+@pytest.mark.parametrize("reduced", [False, True])
+@pytest.mark.parametrize("kind", DAMPED)
+def test_a_start_is_resisted_by_all_damping(kind, reduced):
+    """States of complex modes need C u: what modal and Rayleigh's damping add belongs to it."""
+    n, t, weight, rate = 3, 4.0, 0.3, 1.5
+    mass = np.array([1, 1.3, 0.8])
+    stiffness = np.array([[3.0, -1, 0], [-1, 2.5, -1], [0, -1, 2]])
+    start = np.array([0.3, 0.1, -0.2, 0.2, 0.5, -0.1])
+    layer = np.zeros((n, n))
+    if "layer" in kind:
+        layer = np.diag([0, 0, 0.8]) if "coupling" in kind else 0.5 * stiffness
+    given = dict(DAMPED[kind])
+    damping = given.get("damping", np.zeros((n, n)))
+    squares, shapes = eigh(stiffness + layer, np.diag(mass))
+    pushed = mass[:, np.newaxis] * shapes
+    damping = damping + (pushed * (2 * given.get("modal_damping", 0) * np.sqrt(squares))) @ pushed.T
+    a, b = given.get("rayleigh", (0, 0))
+    damping = damping + a * np.diag(mass) + b * (stiffness + layer)
+    if "layer" in kind:
+        kernel = vv.PronyKernel(weights=[weight], rates=[rate])
+        given["layers"] = [(layer, kernel)]
+    structure = vv.Structure(mass=np.diag(mass), stiffness=stiffness, **given)
+    if reduced:
+        structure = structure.reduce(frequency=10.0, loads=["x1"])
+    run = vv.simulate(structure, t, initial=start, times=[t])
+    rates = np.zeros((3 * n, 3 * n))
+    rates[:n, n : 2 * n], rates[2 * n :, :n] = np.eye(n), weight * np.eye(n)
+    rates[2 * n :, 2 * n :] = -rate * np.eye(n)
+    sides = [-stiffness - layer, -damping, layer]
+    rates[n : 2 * n] = np.concatenate(sides, axis=1) / mass[:, np.newaxis]
+    true = expm(t * rates) @ [*start[::2], *start[1::2], *np.zeros(n)]
+    assert run.state[0] == pytest.approx(list(true[: 2 * n].reshape(2, n).T.ravel()), abs=1e-12)

@@ -8,7 +8,6 @@ import numpy as np
 
 from viscovib._native import ComplexArray
 from viscovib.systems.relaxing_rest import remembered_of
-from viscovib.systems.structure_loads import damped
 from viscovib.systems.structure_rest import in_modes
 
 #: Part of the largest that is rounding.
@@ -25,9 +24,7 @@ def modal_arrays(motion: Any) -> dict[str, Any]:
     b = motion.mount._base_direction
     if b is not None:
         place_of, speed_of = place_of - place * b, speed_of - speed * b
-    start, start_rates, others = in_modes(
-        rest, mass, damped(motion.mount, place_of), place_of, speed_of
-    )
+    start, start_rates, others = in_modes(rest, mass, place_of, speed_of)
     shown = np.concatenate([rest.shapes[motion.places].T, c.seen], axis=1)
     direction = np.zeros(shown.shape[1])
     if b is not None:
@@ -94,7 +91,7 @@ def _others(motion: Any, forces: ComplexArray, start: ComplexArray) -> dict[str,
     moved = np.zeros((kept.size, 2), complex)
     if b is not None:
         zero = np.zeros_like(b)
-        kicks = [(damped(motion.mount, b), b, zero), (zero, zero, b)]
+        kicks = [(b, zero), (zero, b)]
         moved = np.stack([in_modes(c.rest, mass, *kick)[2][kept] for kick in kicks], axis=1)
     seen = c.left[kept] * twice[:, np.newaxis]
     found = {

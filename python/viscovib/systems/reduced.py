@@ -130,11 +130,12 @@ def _rest(model: LinearModel, found: Reduction, top: float) -> Rest:
     none = np.zeros((shapes.shape[0], 0), dtype=complex)
     left, right, poles = none, none, np.zeros(0, dtype=complex)
     remembered: tuple[Remembered, ...] = ()
+    small: Rest | None = None
+    inertia = model.mass @ shapes
     if model.layers:
         small = _relaxing(model, found)
         squares, rates, poles = small.squares, small.rates, small.poles
         left, right = shapes @ small.left, shapes @ small.right
-        inertia = model.mass @ shapes
         remembered = tuple(one._replace(seen=inertia @ one.seen) for one in small.remembered)
         shapes = shapes @ small.shapes
     elif model.damping is not None:
@@ -156,8 +157,15 @@ def _rest(model: LinearModel, found: Reduction, top: float) -> Rest:
         def flexibility(forces: FloatArray) -> tuple[FloatArray, FloatArray]:
             return static @ (static.T @ forces), np.zeros_like(forces)
 
+    def resisting(u: FloatArray) -> FloatArray:
+        inner = None if small is None else small.resisting
+        return np.zeros_like(u) if inner is None else inertia @ inner(inertia.T @ u)
+
     losses = np.full(squares.size, model.loss)
-    return Rest(squares, rates, losses, shapes, poles, left, right, flexibility, remembered)
+    return Rest(
+        squares, rates, losses, shapes, poles, left, right, flexibility, remembered,
+        resisting=resisting,
+    )  # fmt: skip
 
 
 def _relaxing(model: LinearModel, found: Reduction) -> Rest:

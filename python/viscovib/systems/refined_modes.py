@@ -12,7 +12,8 @@ too near to each other for (1) are taken apart in what they span (Rayleigh and R
 """
 
 import math
-from typing import Any
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -28,23 +29,48 @@ _ROUNDING = 4 * float(np.finfo(float).eps)
 #: How far from unit vectors those may be that take modes apart.
 _SKEW = 1e4
 _PASSES = 6
+#: Part of a rate of a layer that a pole is too near to it.
+_BESIDE = 1e-10
 #: Bits of numbers and of products with a mass, and how many more a stiffness may need.
 _BITS, _MASS_BITS, _MOST_MORE = 53, 64, 60
 
 
+class RelaxingPart(NamedTuple):
+    """K_j (c - sum_i a_i/(s + b_i)), of a layer that relaxes; c = 0: K holds it."""
+
+    matrix: FloatArray
+    #: a and b (1/s), shape (k,).
+    weights: FloatArray
+    rates: FloatArray
+    share: float
+
+    def factor(self, s: Any) -> Any:
+        """What the matrix has at each s."""
+        found = np.full(s.shape, self.share, dtype=s.dtype)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            for a, b in zip(self.weights, self.rates, strict=True):
+                found -= a / (s + b)
+        return found
+
+
 def refined_modes(
-    squares: FloatArray, shapes: FloatArray, mass: FloatArray, stiffness: FloatArray
+    squares: FloatArray, shapes: FloatArray, mass: FloatArray, *stiffness: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Squares (m,) and shapes (n, m) of K r = omega^2 M r, symmetric, r^T M r = 1."""
+    """Squares (m,) and shapes (n, m) of K r = omega^2 M r, symmetric, r^T M r = 1.
+
+    K is the sum of what is given, which floating point would round.
+    """
     from scipy.linalg import eigh
 
     bits = bits_for(np.abs(squares))
     if not bits:
         return squares, shapes
-    springs, masses = Sliced((stiffness + stiffness.T) / 2, bits), Sliced(mass, _MASS_BITS)
+    springs = [Sliced((part + part.T) / 2, bits) for part in stiffness]
+    masses = Sliced(mass, _MASS_BITS)
     for _ in range(_PASSES):
         moved = masses.times(shapes)
-        off = shapes.T @ np.asarray(springs.times(shapes) - moved * squares, dtype=float)
+        pulled = sum(part.times(shapes) for part in springs)
+        off = shapes.T @ np.asarray(pulled - moved * squares, dtype=float)
         moving = shapes.T @ np.asarray(moved, dtype=float)
         change, plain, groups = _changes(off, squares, np.arange(squares.size))
         largest = float(np.abs(change).max())
@@ -74,26 +100,36 @@ def refined_poles(
     mass: FloatArray,
     damping: FloatArray,
     stiffness: FloatArray,
+    layers: Sequence[RelaxingPart] = (),
+    more: Callable[[ComplexArray, ComplexArray], ComplexArray] | None = None,
 ) -> tuple[ComplexArray, ComplexArray, ComplexArray]:
-    """Poles (p,), left and right (n, p) of (s^2 M + s C + K)^-1 = sum left right^T/(s - pole).
+    """Poles (p,), left and right (n, p) of T(s)^-1 = sum left right^T/(s - pole) + F(s).
 
-    As (1), with T(s) = s^2 M + s C + K and right_j^T T'(pole_j) left_j = 1:
+    T(s) = s^2 M + s C + K + sum_j K_j (c_j - sum_i a_ij/(s + b_ij)) with layers that relax.
+    ``more``: F(pole_j) of columns j, of no poles among these; None: 0. T is symmetric with it. As
+    (1), with right_j^T T'(pole_j) left_j = 1:
 
         N_ij = -right_i^T T(pole_j) left_j,    E_ij = N_ij/(pole_j - pole_i),                   (2)
 
-    left_j + sum_i left_i E_ij, and the other side likewise. Of conjugate poles, which follow each
-    other, one is refined.
+    left_j + sum_i left_i E_ij - F(pole_j) T(pole_j) left_j, and the other side likewise. Of
+    conjugate poles, which follow each other, one is refined; none where a layer has a pole too.
     """
     bits = bits_for(np.abs(poles) ** 2)
     if not bits:
         return poles, left, right
     # Poles that are all real may come in real numbers: those of a saddle.
     poles, left, right = (one.astype(complex) for one in (poles, left, right))
-    pencil = _Pencil(mass, damping, stiffness, bits)
+    pencil = _Pencil(mass, damping, stiffness, layers, bits)
     turned = pencil
-    if any((part != part.T).any() for part in (mass, damping, stiffness)):
-        turned = _Pencil(mass.T, damping.T, stiffness.T, bits)
-    kept = np.flatnonzero(poles.imag >= 0)
+    given = mass, damping, stiffness, *(layer.matrix for layer in layers)
+    if any((part != part.T).any() for part in given):
+        sides = [layer._replace(matrix=layer.matrix.T) for layer in layers]
+        turned = _Pencil(mass.T, damping.T, stiffness.T, sides, bits)
+    rates = np.concatenate([np.zeros(0), *(layer.rates for layer in layers)])
+    beside = np.abs(poles[:, np.newaxis] + rates) <= _BESIDE * rates
+    kept = np.flatnonzero((poles.imag >= 0) & ~beside.any(axis=1))
+    if not kept.size:
+        return poles, left, right
     real = poles[kept].imag == 0
     paired = kept[~real]
     own = kept, np.arange(kept.size)
@@ -121,6 +157,8 @@ def refined_poles(
             p[group], change[rows], back[rows] = middle + found, 0.0, 0.0
             turns.append((group, turn, np.linalg.inv(moving @ turn).T))
         x, y = x + left @ change, y + right @ back
+        if more is not None:
+            x, y = x - more(poles[kept], residual), y - more(poles[kept], other_residual)
         for group, turn, returned in turns:
             x[:, group], y[:, group] = x[:, group] @ turn, y[:, group] @ returned
         for part in (x, y, p):
@@ -135,23 +173,34 @@ def refined_poles(
 
 
 class _Pencil:
-    """T(s) = s^2 M + s C + K, ready to be multiplied."""
+    """T(s), ready to be multiplied."""
 
     def __init__(
-        self, mass: FloatArray, damping: FloatArray, stiffness: FloatArray, bits: float
+        self,
+        mass: FloatArray,
+        damping: FloatArray,
+        stiffness: FloatArray,
+        layers: Sequence[RelaxingPart],
+        bits: float,
     ) -> None:
-        self.parts = Sliced(mass, _MASS_BITS), Sliced(damping, bits), Sliced(stiffness, bits)
+        self.layers = layers
+        self.parts = [Sliced(mass, _MASS_BITS), Sliced(damping, bits), Sliced(stiffness, bits)]
+        self.parts += [Sliced(layer.matrix, bits) for layer in layers]
 
     def of(self, p: ComplexArray, x: ComplexArray) -> tuple[ComplexArray, ...]:
-        """T(p_j) x_j, T'(p_j) x_j and M x_j, shape (n, m)."""
+        """T(p_j) x_j, T'(p_j) x_j and T''(p_j) x_j/2, shape (n, m)."""
         both = np.concatenate([x.real, x.imag], axis=1)
-        m, c, k = (a[:, : p.size] + 1j * a[:, p.size :] for a in self._products(both))
+        products = [part.times(both) for part in self.parts]
+        m, c, k, *others = (a[:, : p.size] + 1j * a[:, p.size :] for a in products)
         s = p.astype(np.clongdouble)
-        found = (m * s + c) * s + k, m * (2 * s) + c, m
+        found = [(m * s + c) * s + k, m * (2 * s) + c, m]
+        for layer, pulled in zip(self.layers, others, strict=True):
+            found[0] = found[0] + pulled * layer.factor(s)
+            for a, b in zip(layer.weights, layer.rates, strict=True):
+                part = 1 / (s + b)
+                found[1] = found[1] + pulled * (a * part**2)
+                found[2] = found[2] - pulled * (a * part**3)
         return tuple(np.asarray(one, dtype=complex) for one in found)
-
-    def _products(self, x: FloatArray) -> list[Any]:
-        return [part.times(x) for part in self.parts]
 
 
 def bits_for(squares: FloatArray) -> float:

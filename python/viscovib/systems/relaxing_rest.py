@@ -20,7 +20,8 @@ import numpy as np
 
 from viscovib._native import ComplexArray, FloatArray
 from viscovib.errors import InputError
-from viscovib.systems.refined_modes import refined_modes
+from viscovib.systems.exact_products import Sliced
+from viscovib.systems.refined_modes import RelaxingPart, bits_for, refined_modes, refined_poles
 from viscovib.systems.structure_rest import ModalDamping, Remembered, Rest, dense_rest
 
 #: States of which all modes are computed.
@@ -30,6 +31,9 @@ _RANK, _RIGID, _OFF_DIAGONAL = 1e-12, 1e-13, 1e-12
 #: What the sum over modes may lose of the compliance, and where that is looked at, in units of a
 #: middle frequency.
 _LOST, _PROBES = 1e-7, (0.05, 0.7, 1.9, 11.0)
+
+#: Bits of products with layers; part of a rate within which a pole beside it moves nothing.
+_BITS, _BESIDE = 64.0, 1e-10
 
 #: A stiffness matrix, and weights (1/s) and rates (1/s) of its kernel.
 Layer = tuple[FloatArray, FloatArray, FloatArray]
@@ -46,6 +50,7 @@ class RelaxingModes(NamedTuple):
     remembered: tuple[Remembered, ...]
     #: Rigid bodies held by nothing, mass-normalised, shape (n, r).
     bodies: FloatArray
+    relaxing: tuple[RelaxingPart, ...]
 
 
 def relaxing_rest(
@@ -54,10 +59,12 @@ def relaxing_rest(
     stiffness: FloatArray,
     modal: ModalDamping | None,
     layers: Sequence[Layer],
+    alone: FloatArray | None = None,
 ) -> Rest:
     """Return all modes of dense matrices with layers that relax.
 
-    ``stiffness`` and ``modal`` are of the structure before anything relaxes.
+    ``stiffness`` and ``modal`` are of the structure before anything relaxes; ``alone``: the
+    stiffness without layers, whose sum with them is rounded.
     """
     if modal is not None and np.any(modal.loss):
         raise InputError("loss_factor: must be 0 with layers, whose kernels are their losses")
@@ -67,13 +74,15 @@ def relaxing_rest(
         if m.any()
     )
     if symmetric and mass.any(axis=1).all():
-        alone = dense_rest(mass, damping, stiffness, modal)
-        seen = [alone.shapes.T @ part[0] @ alone.shapes for part in layers]
-        if alone.squares.size and all(_is_diagonal(matrix) for matrix in seen):
-            return _mode_by_mode(mass, alone, seen, layers)
+        parts = [] if alone is None else [alone, *(layer[0] for layer in layers)]
+        stiff = dense_rest(mass, damping, stiffness, modal, parts=parts)
+        bits = max(bits_for(np.abs(stiff.squares)), _BITS)
+        seen = [_in_modes(stiff.shapes, part[0], bits) for part in layers]
+        if stiff.squares.size and all(_is_diagonal(matrix) for matrix in seen):
+            return _mode_by_mode(mass, stiff, seen, layers)
     if modal is not None:
         damping = damping + _modal_matrix(mass, stiffness, modal)
-    found = relaxing_modes(mass, damping, stiffness, layers)
+    found = relaxing_modes(mass, damping, stiffness, layers, alone)
     zero = np.zeros(found.bodies.shape[1])
     flexible = found.flexibility
     given = None
@@ -84,8 +93,13 @@ def relaxing_rest(
 
     return Rest(
         zero, zero, zero, found.bodies, found.poles, found.left, found.right, given,
-        found.remembered,
+        found.remembered, None, damping.__matmul__, stiffness if alone is None else alone,
+        found.relaxing,
     )  # fmt: skip
+
+
+def _in_modes(shapes: FloatArray, matrix: FloatArray, bits: float) -> FloatArray:
+    return np.asarray(shapes.T @ Sliced(matrix, bits).times(shapes).astype(float))
 
 
 def _is_diagonal(matrix: FloatArray) -> bool:
@@ -128,11 +142,16 @@ def _mode_by_mode(
         ]
         return np.concatenate(columns, axis=1)
 
+    inertia = np.asarray(mass @ alone.shapes)
+
+    def resisting(u: FloatArray) -> FloatArray:
+        return np.asarray(inertia @ (alone.rates * (inertia.T @ u)))
+
     still = ~relaxing
     return Rest(
         alone.squares[still], alone.rates[still], alone.losses[still], alone.shapes[:, still],
         np.concatenate([mode.poles for mode in modes]), spread("left"), spread("right"), None,
-        tuple(remembered),
+        tuple(remembered), resisting=resisting,
     )  # fmt: skip
 
 
@@ -162,9 +181,13 @@ def _modal_matrix(mass: FloatArray, stiffness: FloatArray, modal: ModalDamping) 
 
 
 def relaxing_modes(
-    mass: FloatArray, damping: FloatArray, stiffness: FloatArray, layers: Sequence[Layer]
+    mass: FloatArray,
+    damping: FloatArray,
+    stiffness: FloatArray,
+    layers: Sequence[Layer],
+    alone: FloatArray | None = None,
 ) -> RelaxingModes:
-    """Return the modes of (1); ``stiffness`` is that before anything relaxes."""
+    """Return the modes of (1); ``stiffness`` is that before anything relaxes, ``alone`` without."""
     n = mass.shape[0]
     idle = ~mass.any(axis=1)
     bodies = _bodies(mass, damping, stiffness, layers)
@@ -177,15 +200,28 @@ def relaxing_modes(
         )
     system = _States(mass, damping, stiffness, parts, idle, bodies)
     poles, left, right, rows = system.modes()
-    remembered = tuple(
-        Remembered(float(a), float(b), seen, rows[:, first : first + seen.shape[1]])
-        for a, b, seen, first in system.places
-    )
     flexibility = None
     if idle.any():
         flexibility = np.zeros((n, n))
         flexibility[np.ix_(idle, idle)] = system.bend
-    found = RelaxingModes(poles, left, right, flexibility, remembered, bodies)
+    share = 0.0 if alone is None else 1.0
+    relaxing = tuple(RelaxingPart(*layer, share) for layer in layers)
+
+    def more(at: ComplexArray, forces: ComplexArray) -> ComplexArray:
+        moved = bodies @ ((bodies.T @ forces) / at**2)
+        return moved if flexibility is None else moved + flexibility @ forces
+
+    held = stiffness if alone is None else alone
+    poles, left, right = refined_poles(poles, left, right, mass, damping, held, relaxing, more)
+    poles[np.abs(poles) <= _RIGID * np.abs(poles).max(initial=0.0)] = 0.0
+    remembered = []
+    for a, b, (acts, seen), first in system.places:
+        # right^T L/(pole + b), but for what does not move u.
+        pushed, beside = rows[:, first : first + seen.shape[1]].copy(), poles + b
+        moving = np.abs(beside) > _BESIDE * b
+        pushed[moving] = (right.T @ acts)[moving] / beside[moving, np.newaxis]
+        remembered.append(Remembered(float(a), float(b), seen, pushed))
+    found = RelaxingModes(poles, left, right, flexibility, tuple(remembered), bodies, relaxing)
     _check(found, mass, damping, stiffness, layers, system.middle)
     return found
 
@@ -205,11 +241,18 @@ def _bodies(
     from scipy.linalg import null_space
 
     matrices = [damping, stiffness, *(matrix for matrix, _, _ in layers)]
-    scaled = [m / np.abs(m).max() for m in matrices if m.any()]
+    scaled = [np.ldexp(m, -np.frexp(np.abs(m).max())[1]) for m in matrices if m.any()]
     both = [part for m in scaled for part in (m, m.T)]
     found = null_space(np.vstack(both), rcond=_RANK) if both else np.eye(mass.shape[0])
     if not found.shape[1]:
         return found
+    if both:
+        # Beside stiff springs that leaves rounding of these along soft ones.
+        back = np.linalg.pinv(np.vstack(both), rcond=_RANK)
+        exact = [Sliced(part, 2 * _BITS) for part in both]
+        for _ in range(2):
+            bent = np.concatenate([part.times(found).astype(float) for part in exact])
+            found = found - back @ bent
     inertia = found.T @ mass @ found
     root = np.linalg.cholesky(inertia)
     return np.asarray(np.linalg.solve(root, found.T).T)
@@ -267,7 +310,7 @@ class _States:
             for a, b in zip(weights, rates, strict=True):
                 first = int(starts[len(held)])
                 held.append((first, left, seen, a, b))
-                self.places.append((a, b, seen, first))
+                self.places.append((a, b, (left, seen), first))
         for first, left, seen, a, b in held:
             rows = slice(first, first + seen.shape[1])
             matrix[rows, rows] -= b * np.eye(seen.shape[1])
@@ -293,7 +336,6 @@ class _States:
         if not np.abs(scale).min() > 0:
             raise _defective()
         rows = (lefts.conj() / scale).T
-        poles[np.abs(poles) <= _RIGID * np.abs(poles).max()] = 0.0
         return poles, self.shown @ rights, (rows @ self.pushed).T, rows
 
 

@@ -224,8 +224,9 @@ class Structure:
             layers.added_to(self.stiffness), self.damping, self._all_elements
         )
         if layers.whole:
+            alone = with_elements(self.stiffness, self.damping, self._all_elements)[0]
             return relaxing_rest(
-                dense_of(self.mass), damping, stiffness, self._uncoupled, layers.dense
+                dense_of(self.mass), damping, stiffness, self._uncoupled, layers.dense, alone
             )
         return dense_rest(dense_of(self.mass), damping, stiffness, self._uncoupled)
 
@@ -312,6 +313,8 @@ class Structure:
         >>> small.reduction.largest_error < 1e-6, small.reduction.squares.size < 100
         (True, True)
         """
+        from scipy.sparse import csc_array
+
         from viscovib.systems.reduced import reduced_rest
 
         n = self.n_coordinates
@@ -336,9 +339,10 @@ class Structure:
         if not pushed:
             raise InputError("loads: must not be empty for a structure without elements")
         directions = np.array(pushed).T
+        whole: Sequence[tuple[Any, Kernel]] = self._layers.whole  # type: ignore[attr-defined]
         model = linear_model(
             self.mass, self.damping, self.stiffness, self._uncoupled, self._all_elements
-        )._replace(layers=self._layers.whole)  # type: ignore[attr-defined]  # fmt: skip
+        )._replace(layers=tuple((csc_array(matrix), kernel) for matrix, kernel in whole))
         boundary = None
         if method == "craig-bampton":
             boundary = np.flatnonzero(directions.any(axis=1)).tolist()

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from typing import Any, TypeAlias
+from typing import TypeAlias
 
 import numpy as np
 
@@ -21,16 +21,6 @@ from viscovib.systems.structure import Structure
 Condensed: TypeAlias = Structure | PolynomialSystem
 #: Part of the largest column of a table by which combinations of columns are rounding.
 _ROUNDING = 1e-15
-
-
-def damped(structure: Condensed, u: FloatArray) -> FloatArray:
-    """C u, with the dampers among the elements."""
-    matrix: Any = structure.damping
-    total = np.asarray(matrix @ u)
-    for element in getattr(structure, "_all_elements", ()):
-        if element.damping:
-            total = total + element.damping * element.direction * (element.direction @ u)
-    return total
 
 
 def check_forces(structure: Condensed, loaded: LoadedStructure, patterns: FloatArray) -> None:

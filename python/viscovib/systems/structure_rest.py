@@ -1,7 +1,7 @@
 """The linear rest of a structure: its modes, and what modes left out would add."""
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -9,7 +9,7 @@ import numpy as np
 from viscovib._native import ComplexArray, FloatArray
 from viscovib.errors import InputError
 from viscovib.systems.exact_products import Sliced
-from viscovib.systems.refined_modes import bits_for, refined_modes, refined_poles
+from viscovib.systems.refined_modes import RelaxingPart, bits_for, refined_modes, refined_poles
 from viscovib.systems.stiffness_ratio import (
     warn_of_lost_modes,
     warn_of_lost_poles,
@@ -63,8 +63,11 @@ class Rest(NamedTuple):
     remembered: tuple[Remembered, ...] = ()
     #: M, C and K where the complex modes are theirs.
     matrices: tuple[FloatArray, FloatArray, FloatArray] | None = None
-    #: K where all modes are its; None: what has no mass follows, or layers remember.
+    #: C u, all damping that the complex modes have; None: there are none.
+    resisting: Callable[[FloatArray], FloatArray] | None = None
+    #: K and layers that relax of which all modes are; None: what has no mass follows.
     springs: FloatArray | None = None
+    relaxing: tuple[RelaxingPart, ...] = ()
 
     @property
     def n_modes(self) -> int:
@@ -95,8 +98,12 @@ def dense_rest(
     modal: ModalDamping | None = None,
     *,
     quiet: bool = False,
+    parts: Sequence[FloatArray] = (),
 ) -> Rest:
-    """Return all modes of dense matrices; ``quiet``: what rounding hides is told elsewhere."""
+    """Return all modes of dense matrices; ``quiet``: what rounding hides is told elsewhere.
+
+    ``parts``: a symmetric stiffness as a sum, which floating point has rounded.
+    """
     from scipy.linalg import eigh
 
     n = mass.shape[0]
@@ -105,7 +112,7 @@ def dense_rest(
     none = np.zeros((n, 0), dtype=complex)
     if _symmetric(stiffness) and _symmetric(damping):
         squares, shapes = eigh(stiffness, mass)
-        squares, shapes = refined_modes(squares, shapes, mass, stiffness)
+        squares, shapes = refined_modes(squares, shapes, mass, *(parts or (stiffness,)))
         squares = without_rounding(squares, shapes, stiffness)
         if not quiet:
             warn_of_lost_modes(squares, shapes, mass, stiffness)
@@ -200,9 +207,16 @@ def _condensed_rest(
         rates = np.append(rates, modal.by_stiffness * high * more)
         losses = np.append(losses, np.max(modal.loss) * more)
         given = None
+
+    def resisting(u: FloatArray) -> FloatArray:
+        forces = np.zeros_like(u)
+        if rest.resisting is not None:
+            forces[kept] = rest.resisting(u[kept])
+        return forces
+
     return Rest(
         squares, rates, losses, shapes, rest.poles, whole(rest.left, follow),
-        whole(rest.right, carry), given,
+        whole(rest.right, carry), given, resisting=resisting,
     )  # fmt: skip
 
 
@@ -255,8 +269,9 @@ def _complex_rest(
     none = np.zeros(0)
     given = mass, damping, stiffness
     return Rest(
-        none, none, none, np.zeros((n, 0)), poles, left, right, matrices=given, springs=stiffness
-    )
+        none, none, none, np.zeros((n, 0)), poles, left, right, matrices=given,
+        resisting=damping.__matmul__, springs=stiffness,
+    )  # fmt: skip
 
 
 def _fastest(poles: ComplexArray, springs: FloatArray) -> float:
@@ -331,33 +346,37 @@ def _inverse(matrix: FloatArray) -> FloatArray:
 
 
 def in_modes(
-    rest: Rest, mass: Any, damped: FloatArray, place: FloatArray, speed: FloatArray
+    rest: Rest, mass: Any, place: FloatArray, speed: FloatArray
 ) -> tuple[FloatArray, FloatArray, ComplexArray]:
     """Coordinates of real modes, their rates, and states of complex ones, of displacements u.
 
-    ``damped``: C u. In two ways, of the same value,
+    In two ways, of the same value,
 
         phi^T M u = phi^T K u/omega^2,    right^T (pole M + C) u = -right^T K u/pole,
 
-    each mode in the one that rounding of its shape takes least from. What hardly bends a stiff
+    (there with K as layers leave it at that pole), each mode in the one that rounding of its shape
+    takes least from. What hardly bends a stiff
     spring hardly moves its mode, K u being exact: phi^T M u may leave 1e-16 there, which swings,
     at 1e-16 omega.
     """
     with np.errstate(over="ignore", invalid="ignore"):
         moved, driven = mass @ place, mass @ speed
         real, poles = rest.shapes.T @ moved, rest.poles
+        damped = 0 * place if rest.resisting is None else rest.resisting(place)
         others = poles * (rest.right.T @ moved) + rest.right.T @ damped
         squares = np.concatenate([np.abs(rest.squares), np.abs(poles) ** 2])
         bits = bits_for(squares) if place.any() else 0.0
         if bits and rest.springs is not None:
-            exact = Sliced(rest.springs, bits).times(place[:, np.newaxis])
-            pulled, size = exact[:, 0].astype(float), np.abs(mass) @ np.abs(place)
+            pulled, others_pulled = _pulled(rest, place, bits)
+            size = np.abs(mass) @ np.abs(place)
             shapes, right = np.abs(rest.shapes).T, np.abs(rest.right).T
             soft = shapes @ np.abs(pulled) < rest.squares * (shapes @ size)
             real[soft] = (rest.shapes.T @ pulled)[soft] / rest.squares[soft]
             lost = np.abs(poles) * (right @ size) + right @ np.abs(damped)
-            soft = right @ np.abs(pulled) < np.abs(poles) * lost
-            others[soft] = -(rest.right.T @ pulled)[soft] / poles[soft]
+            bent = np.einsum("pn,np->p", right, np.abs(others_pulled))
+            soft = bent < np.abs(poles) * lost
+            bent = np.einsum("np,np->p", rest.right, others_pulled)
+            others[soft] = -bent[soft] / poles[soft]
         found = real, rest.shapes.T @ driven, others + rest.right.T @ driven
     if not all(np.isfinite(part).all() for part in found):
         raise InputError(
@@ -365,3 +384,15 @@ def in_modes(
             "smaller"
         )
     return found
+
+
+def _pulled(rest: Rest, place: FloatArray, bits: float) -> tuple[FloatArray, ComplexArray]:
+    """K u before anything relaxes, shape (n,), and as it is at each pole, (n, p)."""
+    assert rest.springs is not None
+    first = Sliced(rest.springs, bits).times(place[:, np.newaxis])
+    at_poles = np.repeat(first, rest.poles.size, axis=1).astype(np.clongdouble)
+    for layer in rest.relaxing:
+        moved = Sliced(layer.matrix, bits).times(place[:, np.newaxis])
+        first = first + layer.share * moved
+        at_poles += moved * layer.factor(rest.poles.astype(np.clongdouble))
+    return first[:, 0].astype(float), at_poles.astype(complex)
