@@ -18,7 +18,8 @@ subroutine polynomial_check(flat, n_flat, status)
   call report(outcome, status)
 end subroutine polynomial_check
 
-!> Motion of a system without memory, or with one of exponentials alone; the load and its frequency
+!> Motion of a system without memory, or with one of exponentials alone; held, before, moved and
+!! base_breaks, base_pieces as in `mount_simulate`; the load and its frequency
 !! as in mount_binding, all else as in `pendulum_simulate`, but resume = 2: under other loads,
 !! elements remembering; the last numbers of kept: how long the next part of a step may be, whether
 !! steps were made in parts, and how many of it are the method's; in_parts /= 0: all steps are made
@@ -26,7 +27,9 @@ end subroutine polynomial_check
 !! pieces, ends and made_by as in `mount_simulate`, with less than two breaks there is no load but
 !! the periodic one; reach: latest time of any run that goes on, for which kernels are fitted.
 subroutine polynomial_simulate(flat, n_flat, reach, orders, series, n_rows, n_series, nu, breaks, &
-                               pieces, n_breaks, ends, made_by, n_ends, method, in_parts, thin, &
+                               pieces, n_breaks, base_breaks, base_pieces, n_waves, n_base, &
+                               held, before, moved, n_before, &
+                               ends, made_by, n_ends, method, in_parts, thin, &
                                moves, initial, h, tolerance, first, n_steps, save_every, resume, &
                                memory, n_memory, times, n_times, n_columns, watched, n_watch, &
                                sides, n_sides, most, states, at_times, last, kept, n_done, &
@@ -37,7 +40,10 @@ subroutine polynomial_simulate(flat, n_flat, reach, orders, series, n_rows, n_se
   use viscovib_mesh, only: mesh_type, new_mesh
   use viscovib_method_catalogue, only: new_stepper
   use viscovib_polynomial, only: polynomial_type
+  use viscovib_fitted_memory, only: copy_system
   use viscovib_fitted_motion, only: new_fitted_motion
+  use viscovib_hidden_start, only: begin_hidden
+  use viscovib_kinds, only: wp
   use viscovib_polynomial_motion, only: polynomial_motion_type
   use viscovib_reduction, only: reduce, state_mask
   use viscovib_simulate, only: simulate
@@ -48,11 +54,13 @@ subroutine polynomial_simulate(flat, n_flat, reach, orders, series, n_rows, n_se
   implicit none
   integer(c_int), intent(in) :: n_flat, n_rows, n_series, orders(n_series), n_breaks, n_ends
   integer(c_int), intent(in) :: method, in_parts, resume, n_memory, n_times, n_columns
-  integer(c_int), intent(in) :: moves(n_rows - 1)
+  integer(c_int), intent(in) :: moves(n_rows - 1), n_base, n_before, n_waves
   integer(c_long), intent(in) :: first, n_steps, save_every, made_by(n_ends)
   real(c_double), intent(in) :: breaks(n_breaks), pieces(n_rows - 1, 4, n_breaks), ends(n_ends)
   real(c_double), intent(in) :: flat(n_flat), reach, nu, initial(2*n_rows - 2), h, tolerance, thin
   complex(c_double_complex), intent(in) :: series(n_rows, n_series)
+  real(c_double), intent(in) :: base_breaks(n_base), base_pieces(4, n_waves, n_base)
+  real(c_double), intent(in) :: held(n_rows - 1), before(n_before), moved(n_rows - 1, n_before)
   real(c_double), intent(in) :: memory(n_memory), times(n_times)
   real(c_double), intent(out) :: states(2*n_rows - 2, n_columns), at_times(2*n_rows - 2, n_times)
   real(c_double), intent(out) :: kept(n_memory), last(2*n_rows - 2), t_reached
@@ -69,11 +77,10 @@ subroutine polynomial_simulate(flat, n_flat, reach, orders, series, n_rows, n_se
   class(stepper_type), allocatable :: stepper
   type(watch_type) :: watch
   type(status_type) :: outcome
-  type(polynomial_type) :: reduced
+  type(polynomial_type) :: reduced, taken
   type(load_type) :: part
   type(mesh_type) :: mesh
-  real(c_double), allocatable :: some_states(:, :), some_at_times(:, :)
-  real(c_double), allocatable :: hidden(:, :)
+  real(c_double), allocatable :: some_states(:, :), some_at_times(:, :), q(:), v(:)
   real(c_double) :: start
   integer, allocatable :: dofs(:), rows(:)
   integer :: i, n
@@ -94,30 +101,40 @@ subroutine polynomial_simulate(flat, n_flat, reach, orders, series, n_rows, n_se
   rows = pack([(i, i=1, 2*n_rows - 2)], state_mask(moves /= 0))
   if (.not. outcome%failed()) then
     if (size(dofs) == n_rows - 1) then
-      call new_fitted_motion(motion, system, load, nu, h, reach, outcome)
+      call copy_system(system, reduced)
+      part = load
     else
       call reduce(system, moves /= 0, reduced)
       call load%take_part(moves /= 0, part)
-      call new_fitted_motion(motion, reduced, part, nu, h, reach, outcome)
     end if
+    call new_fitted_motion(motion, reduced, part, nu, h, reach, outcome, taken)
+  end if
+  if (.not. outcome%failed()) then
+    call begin_hidden(motion, reduced, taken, held(dofs), outcome, before, moved(dofs, :))
   end if
   if (.not. outcome%failed()) then
     motion%thin = thin
     motion%in_parts = motion%layers%exist() .and. in_parts /= 0
     if (n_breaks > 1) call motion%add_table(breaks, pieces(dofs, :, :))
+    if (n_waves > 1 .and. n_base > 1) then
+      call motion%base_motion%add_cubics(size(dofs), [real(wp) ::], base_breaks, base_pieces(:, dofs, :))
+    else if (n_base > 1) then
+      call motion%base_motion%add_cubics(size(dofs), reduced%base_direction, base_breaks, base_pieces)
+    end if
     call new_mesh(mesh, h, ends, made_by)
     start = 0.0_c_double
     if (first > 0) start = mesh%time(mesh%piece_of(first - 1), first)
+    i = mesh%piece_of(first)
+    call motion%base_motion%enter(mesh%beginning(i), mesh%ends(i))
     ! Under other loads what is remembered goes on: all coordinates, then all velocities.
     n = size(dofs)
-    allocate (hidden(motion%n_hidden, 2), source=0.0_c_double)
+    allocate (q(motion%n_dof), v(motion%n_dof))
+    call motion%start(start, initial(2*dofs - 1), initial(2*dofs), q, v)
     if (resume == 2) then
-      hidden(:, 1) = memory(n + 1:motion%n_dof)
-      hidden(:, 2) = memory(motion%n_dof + n + 1:2*motion%n_dof)
+      q(n + 1:) = memory(n + 1:motion%n_dof)
+      v(n + 1:) = memory(motion%n_dof + n + 1:2*motion%n_dof)
     end if
-    call new_stepper(stepper, motion, method, [initial(2*dofs - 1), hidden(:, 1)], &
-                     [initial(2*dofs), hidden(:, 2)], start, mesh%h(mesh%piece_of(first)), &
-                     tolerance)
+    call new_stepper(stepper, motion, method, q, v, start, mesh%h(i), tolerance)
     if (resume == 1) call stepper%load_memory(memory(:stepper%memory_size()))
     if (resume > 0) then
       ! Behind what the method kept under the loads before, which may have been as many or not.
@@ -150,8 +167,11 @@ subroutine polynomial_simulate(flat, n_flat, reach, orders, series, n_rows, n_se
     kept(n_memory - 2) = motion%grade
     kept(n_memory - 1) = merge(1.0_c_double, 0.0_c_double, motion%in_parts)
     kept(n_memory) = i
-    last(2*dofs - 1) = stepper%q(:n)
-    last(2*dofs) = stepper%v(:n)
+    q = stepper%q
+    v = stepper%v
+    call motion%add_base(t_reached, q, v)
+    last(2*dofs - 1) = q(:n)
+    last(2*dofs) = v(:n)
     n_evaluations = stepper%n_evaluations
   end if
   call report(outcome, status)

@@ -50,8 +50,6 @@ module viscovib_hereditary_job
     real(wp) :: nu = 0.0_wp
     !> Place in `past_names`.
     integer :: past = past_auto
-    !> Displacement relative to the base held for all t < 0, shape (n_dof).
-    real(wp), allocatable :: held(:)
   end type hereditary_job
 
   !> Runs of one system under one load, whatever equations their steps solve.

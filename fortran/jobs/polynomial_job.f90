@@ -4,6 +4,7 @@ module viscovib_polynomial_job
   use viscovib_counters, only: count_up, counted_idle, counting
   use viscovib_fitted_memory, only: needs_fit, shared_error, tell_fit
   use viscovib_hidden_memory, only: count_hidden
+  use viscovib_hidden_start, only: begin_hidden
   use viscovib_kinds, only: i8, wp
   use viscovib_law_program, only: branches
   use viscovib_load, only: load_type
@@ -59,6 +60,7 @@ contains
     call load%take_part(moved, part)
     part_job = job
     part_job%initial = pack(job%initial, state_mask(moved))
+    if (allocated(job%held)) part_job%held = pack(job%held, moved)
     call run_whole(part_job, reduced, part, nu, fastest, trajectory, status)
     if (.not. status%failed()) call trajectory%spread_out(moved)
   end subroutine run_polynomial_job
@@ -73,6 +75,7 @@ contains
     integer :: i
     driven = load%drives(system) .or. abs(job%initial(1::2)) > 0.0_wp &
              .or. abs(job%initial(2::2)) > 0.0_wp .or. allocated(job%watched)
+    if (allocated(job%held)) driven = driven .or. abs(job%held) > 0.0_wp
     do i = 1, size(system%laws)
       driven = driven .or. system%laws(i)%state > 0 .or. any(branches(system%laws(i)%program%code))
     end do
@@ -87,6 +90,7 @@ contains
     type(trajectory_type), intent(out) :: trajectory
     type(status_type), intent(out) :: status
     type(driven_runs) :: runs
+    type(polynomial_type) :: taken
     real(wp) :: longest
     logical :: in_parts
 
@@ -94,8 +98,12 @@ contains
     longest = self%motion%longest
     in_parts = self%motion%in_parts
     call new_fitted_motion(self%motion, self%remembering, self%load, self%nu, &
-                           job%t_end/real(n, wp), furthest*job%t_end, status)
+                           job%t_end/real(n, wp), furthest*job%t_end, status, taken)
     if (status%failed()) return
+    if (allocated(job%held)) then
+      call begin_hidden(self%motion, self%remembering, taken, job%held, status)
+      if (status%failed()) return
+    end if
     self%motion%longest = longest
     self%motion%in_parts = in_parts
     runs%system => self%motion
@@ -119,6 +127,8 @@ contains
     if (counting) call count_up(counted_idle, count( &
                                 .not. moved_coordinates(system, driven(job, system, load))))
     if (.not. needs_fit(system)) then
+      if (allocated(job%held)) call begin_hidden(motion, system, system, job%held, status)
+      if (status%failed()) return
       call run_transient(job, motion, fastest, trajectory, status)
       return
     end if

@@ -31,6 +31,8 @@ module viscovib_run_maker
     real(wp) :: relative = 0.0_wp
     !> Events to look for, as `new_watch` takes them; not allocated: none.
     real(wp), allocatable :: watched(:)
+    !> Displacement relative to the base held for all t < 0, shape (n_dof); not allocated: none.
+    real(wp), allocatable :: held(:)
   contains
     procedure :: allowed
     procedure :: allowed_at_stop

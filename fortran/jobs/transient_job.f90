@@ -434,6 +434,7 @@ contains
     class(stepper_type), allocatable :: stepper
     real(wp), allocatable :: states(:, :)
     real(wp) :: no_times(0), no_states(size(job%initial), 0)
+    real(wp), dimension(self%system%n_dof) :: q, v
     integer(i8) :: every, kept, i
     integer :: j, m, n_reached
 
@@ -446,8 +447,8 @@ contains
     every = job%steps_apart(n, thinning)
     trajectory%h = job%t_end/real(n, wp)
     call set_ok(status)
-    call new_stepper(stepper, self%system, job%method, job%initial(1::2), job%initial(2::2), &
-                     0.0_wp, trajectory%h, job%solved())
+    call self%system%start(0.0_wp, job%initial(1::2), job%initial(2::2), q, v)
+    call new_stepper(stepper, self%system, job%method, q, v, 0.0_wp, trajectory%h, job%solved())
     allocate (states(size(job%initial), n/every))
     self%system%longest = max(self%system%longest, trajectory%h)
     self%system%thin = trajectory%h/self%system%longest
@@ -456,8 +457,11 @@ contains
                   trajectory%n_steps, n_reached, trajectory%t_reached, trajectory%outcome, &
                   watch=trajectory%watch)
     trajectory%last = job%initial
-    trajectory%last(1::2) = stepper%q(:m)
-    trajectory%last(2::2) = stepper%v(:m)
+    q = stepper%q
+    v = stepper%v
+    call self%system%add_base(trajectory%t_reached, q, v)
+    trajectory%last(1::2) = q(:m)
+    trajectory%last(2::2) = v(:m)
     if (job%last_only) then
       trajectory%t = [trajectory%t_reached]
       allocate (trajectory%states(size(job%initial), 1))

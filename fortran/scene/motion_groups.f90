@@ -78,9 +78,12 @@ contains
     integer :: past
 
     may_lack = .false.
+    start = 0.0_wp
     if (present(from_rest)) may_lack = from_rest
     if (may_lack) then
-      start = 0.0_wp
+      job%held = reader%read_reals('held', size(start)/2, 0.0_wp*start(1::2))
+      if (reader%status%failed()) return
+      start(1::2) = job%held
       job%initial = reader%read_reals('initial', 2*(system%n_dof - system%n_hidden), start)
     else
       job%initial = reader%read_reals('initial', 2*(system%n_dof - system%n_hidden))
@@ -90,7 +93,7 @@ contains
     call read_accuracy(reader, job)
     word = reader%read_text('method', 'gauss8', transient_methods, job%method)
     ! What remembers does so by exponentials.
-    if (may_lack) word = reader%read_text('memory', past_names(1), past_names(:2), past)
+    if (may_lack) word = reader%read_text('memory', trim(past_names(1)), past_names(:2), past)
     job%save_every = reader%read_integer('save_every', 1)
     call read_keep(reader, job)
     if (reader%status%failed()) return

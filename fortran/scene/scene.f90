@@ -162,15 +162,16 @@ contains
     subject%is_polynomial = .true.
   end subroutine go_whole
 
-  !> The same of a system that remembers by exponentials alone.
+  !> The same of a system that remembers by exponentials alone, or whose base moves.
   logical function may_go_whole(file, system, load) result(may)
     type(namelist_type), intent(in) :: file
     type(polynomial_type), intent(in) :: system
     type(load_type), intent(in) :: load
     integer :: i
     may = .false.
-    if (place_of_motion(file) > size(file%groups) .or. load%moves_base()) return
-    if (system%n_dof() > max_dof .or. .not. any(system%kernel_of > 0)) return
+    if (place_of_motion(file) > size(file%groups)) return
+    if (system%n_dof() > max_dof) return
+    if (.not. (any(system%kernel_of > 0) .or. load%moves_base())) return
     if (.not. any([(any(branches(system%laws(i)%program%code)), i=1, size(system%laws))])) return
     may = fits_sections(file, system)
   end function may_go_whole
@@ -186,7 +187,6 @@ contains
     n_hidden = bound_hidden(system)
     if (n_hidden < 0 .or. system%n_dof() + n_hidden > most_in_frame) return
     associate (group => file%groups(place_of_motion(file)))
-      if (group%find('held') > 0) return
       place = group%find('memory')
       if (place > 0) then
         if (all(past_names(:2) /= lower(group%entries(place)%values(1)%text))) return

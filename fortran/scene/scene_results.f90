@@ -31,7 +31,7 @@ module viscovib_scene_results
   use viscovib_scales_groups, only: read_oscillator_scales, read_pendulum_scales
   use viscovib_scales_job, only: scales_job
   use viscovib_scene_groups, only: find_result, place_of
-  use viscovib_status, only: show, status_type
+  use viscovib_status, only: fail, show, status_input_error, status_type
   use viscovib_structure_model, only: structure_model
   use viscovib_subject, only: subject_type
   use viscovib_transient_job, only: transient_job
@@ -222,6 +222,9 @@ contains
       if (.not. reader%status%failed()) then
         call new_fitted_motion(system, subject%polynomial, subject%load, own%nu, 1.0_wp, 1.0_wp, &
                                status)
+        if (subject%load%moves_base() .and. .not. subject%goes_whole) then
+          call fail(status, status_input_error, 'base', 'base: must be at rest in motion in time')
+        end if
         call reader%place(status)
         ! What goes by all coordinates may begin at rest.
         if (.not. status%failed()) call read_transient(reader, system, motion, subject%goes_whole)

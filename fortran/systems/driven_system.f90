@@ -5,6 +5,7 @@
 !! for a block of lanes at once. The lanes may be the nodes of a collocation
 !! step or trajectories side by side; the system does not know.
 module viscovib_driven_system
+  use viscovib_base_motion, only: base_motion_type
   use viscovib_kinds, only: wp
   use viscovib_lanes, only: n_lanes
   use viscovib_law_branches, only: signal_type
@@ -24,8 +25,10 @@ module viscovib_driven_system
 
   type, abstract :: driven_system_type
     integer :: n_dof = 0
-    !> The last of these stand for what is remembered: they begin with 0, and no result tells them.
+    !> The last of these stand for what is remembered: no result tells them.
     integer :: n_hidden = 0
+    !> The rates with which these begin; not allocated: 0.
+    real(wp), allocatable :: hidden_speeds(:)
     !> The fastest rate at which these fade (1/s): behind a switch parts of steps begin shorter than
     !! that takes, and double.
     real(wp) :: fading = 0.0_wp
@@ -68,6 +71,8 @@ module viscovib_driven_system
     !! step may be (0: any).
     logical :: begins = .true.
     real(wp) :: grade = 0.0_wp
+    !> How the base moves to which coordinates are relative.
+    type(base_motion_type) :: base_motion
     !> The linear rest by its sections, where steps take these exactly.
     type(modal_frame), allocatable :: frame
   contains
@@ -83,6 +88,9 @@ module viscovib_driven_system
     procedure :: begin_anew
     procedure :: signal_at
     procedure :: meet
+    procedure :: jump
+    procedure :: add_base
+    procedure :: start
     procedure :: longest_part
     procedure :: drive_at
   end type driven_system_type
@@ -251,6 +259,47 @@ contains
     v = v + 0.0_wp*(t*q)
     call self%take_sides(sides)
   end subroutine meet
+
+  !> The motion has jumped to other velocities: where it is from now on.
+  subroutine jump(self, t, q, before, v, sides)
+    class(driven_system_type), intent(inout) :: self
+    real(wp), intent(in) :: t, q(:), before(:)
+    !> As of `meet`.
+    real(wp), intent(inout) :: v(:)
+    integer, intent(inout) :: sides(:)
+    ! Without surfaces there is nothing to leave.
+    v = v + 0.0_wp*(t*(q + before))
+    call self%take_sides(sides)
+  end subroutine jump
+
+  !> From a state relative to the base to that of the body; `share` -1: back.
+  pure subroutine add_base(self, t, q, v, share)
+    class(driven_system_type), intent(in) :: self
+    real(wp), intent(in) :: t
+    !> Of all coordinates.
+    real(wp), intent(inout) :: q(:), v(:)
+    real(wp), intent(in), optional :: share
+    integer :: n
+    if (.not. self%base_motion%moves()) return
+    n = self%n_dof - self%n_hidden
+    call self%base_motion%add_to(t, q(:n), v(:n), share)
+  end subroutine add_base
+
+  !> All coordinates and velocities where a motion begins, relative to the base.
+  subroutine start(self, t, body_q, body_v, q, v)
+    class(driven_system_type), intent(in) :: self
+    !> Of the body, shape (n_dof - n_hidden).
+    real(wp), intent(in) :: t, body_q(:), body_v(:)
+    real(wp), intent(out) :: q(:), v(:)
+    integer :: n
+    n = size(body_q)
+    q = 0.0_wp
+    v = 0.0_wp
+    q(:n) = body_q
+    v(:n) = body_v
+    if (allocated(self%hidden_speeds)) v(n + 1:) = self%hidden_speeds
+    call self%add_base(t, q, v, share=-1.0_wp)
+  end subroutine start
 
   !> Loads at times.
   pure function drive_at(self, t) result(drive)

@@ -20,7 +20,7 @@ module viscovib_fitted_memory
   implicit none
   private
 
-  public :: bound_hidden, fit_memory, needs_fit, tell_fit
+  public :: bound_hidden, copy_system, fit_memory, needs_fit, tell_fit
 
   !> Shortest lag of a sum, as a part of the step.
   real(wp), parameter :: shortest_lag = 1.0e-3_wp
@@ -62,7 +62,7 @@ contains
       n = count_hidden(system)
       return
     end if
-    call copy(system, whole)
+    call copy_system(system, whole)
     do k = 1, size(system%kernels)
       if (.not. any(system%kernel_of == k)) cycle
       if (fades_by_exponentials(system%kernels(k)%kernel)) cycle
@@ -82,7 +82,7 @@ contains
     real(wp) :: first, weight, rate
     integer :: k
 
-    call copy(system, fitted)
+    call copy_system(system, fitted)
     first = shortest_lag*step
     do k = 1, size(system%kernels)
       if (.not. any(system%kernel_of == k)) cycle
@@ -143,7 +143,7 @@ contains
   end subroutine find_rest
 
   !> Component by component, for the sake of kernels (`copy_kernels`).
-  subroutine copy(system, other)
+  subroutine copy_system(system, other)
     type(polynomial_type), intent(in) :: system
     type(polynomial_type), intent(out) :: other
 
@@ -156,6 +156,8 @@ contains
     other%n_zero = system%n_zero
     other%n_silent = system%n_silent
     if (allocated(system%rates)) other%rates = system%rates
+    if (allocated(system%space_damping)) other%space_damping = system%space_damping
+    if (allocated(system%space_stiffness)) other%space_stiffness = system%space_stiffness
     other%bent = system%bent
     other%separable = system%separable
     other%odd = system%odd
@@ -163,7 +165,7 @@ contains
     other%base_direction = system%base_direction
     other%monomials = system%monomials
     other%laws = system%laws
-  end subroutine copy
+  end subroutine copy_system
 
   subroutine replace(holder, weights, rates)
     type(kernel_holder), intent(inout) :: holder

@@ -6,7 +6,7 @@ module viscovib_frozen_surfaces
   implicit none
   private
 
-  public :: frozen, jump_over
+  public :: frozen, jump_over, turn_over
 
 contains
 
@@ -98,5 +98,26 @@ contains
       end if
     end do
   end subroutine jump_over
+
+  !> Hysteresis of which a jump of the velocities turns the way.
+  subroutine turn_over(laws, q, v, sides)
+    type(switched_laws), intent(inout) :: laws
+    real(wp), intent(in) :: q(:), v(:)
+    integer, intent(inout) :: sides(:)
+    real(wp) :: d(1), rate(1)
+    integer :: k
+
+    do k = 1, size(sides)
+      if (laws%element_of(k) == 0 .or. laws%which(k) /= 1) cycle
+      associate (element => laws%elements(laws%element_of(k)))
+        if (element%is_stop) cycle
+        d = laws%deflection(laws%element_of(k), reshape(q, [1, size(q)]))
+        rate = laws%deflection(laws%element_of(k), reshape(v, [1, size(v)]))
+        if (.not. sides(k)*rate(1) < 0.0_wp) cycle
+        call element%turn(1, d(1))
+        sides(k) = -sides(k)
+      end associate
+    end do
+  end subroutine turn_over
 
 end module viscovib_frozen_surfaces

@@ -21,7 +21,7 @@ module viscovib_hidden_memory
   implicit none
   private
 
-  public :: count_hidden, fades_by_exponentials, tell_hidden, unfold_memory
+  public :: count_hidden, fades_by_exponentials, list_hidden, tell_hidden, unfold_memory
 
   !> An exponential of the force in a hereditary variable.
   type :: dragged_mass
@@ -46,6 +46,18 @@ contains
     call find_masses(system, masses)
     n = size(masses)
   end function count_hidden
+
+  !> The variable that drags each of these coordinates, its rate and its mass.
+  subroutine list_hidden(system, variables, rates, masses)
+    type(polynomial_type), intent(in) :: system
+    integer, allocatable, intent(out) :: variables(:)
+    real(wp), allocatable, intent(out) :: rates(:), masses(:)
+    type(dragged_mass), allocatable :: all_of_them(:)
+    call find_masses(system, all_of_them)
+    variables = all_of_them%variable
+    rates = all_of_them%rate
+    masses = all_of_them%mass
+  end subroutine list_hidden
 
   !> What of so many coordinates no one has given.
   pure function tell_hidden(n_hidden) result(text)

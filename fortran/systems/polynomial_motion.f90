@@ -9,10 +9,10 @@ module viscovib_polynomial_motion
   use viscovib_dense, only: invert
   use viscovib_driven_system, only: driven_system_type, range_of_degree
   use viscovib_elements_at_start, only: begin_elements
-  use viscovib_frozen_surfaces, only: frozen, jump_over
+  use viscovib_frozen_surfaces, only: frozen, jump_over, turn_over
   use viscovib_hidden_memory, only: count_hidden, tell_hidden, unfold_memory
   use viscovib_kinds, only: wp
-  use viscovib_lanes, only: add_two, max_dof, most_sloped, n_lanes, turn
+  use viscovib_lanes, only: add_two, max_dof, most_sloped, n_lanes
   use viscovib_law_branches, only: slides
   use viscovib_law_rates, only: part_by_laws
   use viscovib_law_slopes, only: most_arguments
@@ -20,12 +20,12 @@ module viscovib_polynomial_motion
   use viscovib_load, only: load_type
   use viscovib_modal_frame, only: most_in_frame
   use viscovib_monomial_lanes, only: add_monomial_slopes, take_monomials
+  use viscovib_motion_loads, only: motion_loads
   use viscovib_polynomial, only: highest_degree, monomial_type, polynomial_type
   use viscovib_polynomial_frame, only: new_polynomial_frame
   use viscovib_status, only: fail, show, status_input_error, status_type
   use viscovib_stops_at_rest, only: push_on
   use viscovib_switched_laws, only: new_switched_laws, switched_laws
-  use viscovib_timed_cubics, only: timed_cubics
   implicit none
   private
 
@@ -38,19 +38,14 @@ module viscovib_polynomial_motion
     !! these have at rest.
     real(wp), allocatable, private :: inverse(:, :), stiffness(:, :), damping(:, :)
     real(wp), private :: linear_rate = 0.0_wp
-    !> M^(-1) P_k, shape (n_dof, size(orders)), and orders, ascending.
-    complex(wp), allocatable, private :: load(:, :)
-    integer, allocatable, private :: orders(:)
-    !> M^(-1) F, and the present piece of it, from `enter` on, shape (n_dof, 4).
-    type(timed_cubics), private :: table
-    real(wp), allocatable, private :: piece(:, :)
+    type(motion_loads), private :: loads
   contains
     procedure :: acceleration
     procedure :: linearise
     procedure :: push
     procedure :: margin
     procedure :: fastest
-    procedure :: add_table, enter
+    procedure :: add_table, enter, hold, jump
     procedure :: take_sides
     procedure :: signal_at
     procedure :: meet
@@ -65,7 +60,7 @@ contains
   subroutine new_polynomial_motion(motion, system, load, nu, status, in_sections)
     type(polynomial_motion_type), intent(out) :: motion
     type(polynomial_type), intent(in) :: system
-    !> Forces on the coordinates; the base is at rest.
+    !> A base moves in sections alone; coordinates are relative to it then.
     type(load_type), intent(in) :: load
     !> Circular frequency of the load (rad/s), > 0.
     real(wp), intent(in) :: nu
@@ -74,7 +69,8 @@ contains
     !! those of exponentials that remember.
     logical, intent(in), optional :: in_sections
     type(polynomial_type) :: whole
-    integer :: most, n_hidden
+    complex(wp) :: forces(system%n_dof(), size(load%orders))
+    integer :: k, most, n_hidden
 
     most = max_dof
     if (present(in_sections)) most = merge(most_in_frame, max_dof, in_sections)
@@ -87,21 +83,32 @@ contains
     else if (any(system%kernel_of > 0) .and. n_hidden == 0) then
       call fail(status, status_input_error, 'system', 'system: has memory, motion in time is ' &
                 //'computed without: leave out the kernels')
-    else if (load%moves_base()) then
+    else if (load%moves_base() .and. most == max_dof) then
       call fail(status, status_input_error, 'base', 'base: must be at rest in motion in time')
     end if
     if (status%failed()) return
     motion%n_hidden = n_hidden
+    forces = load%force
+    if (load%moves_base()) then
+      motion%base_motion%frequencies = load%orders*nu
+      motion%base_motion%amplitudes = 0.0_wp*forces
+      do k = 1, size(load%orders)
+        motion%base_motion%amplitudes(:, k) = load%shift(system, k)
+        forces(:, k) = load%coefficient(system, load%orders(k), nu)
+      end do
+    end if
     if (n_hidden > 0) call unfold_memory(system, whole)
-    if (n_hidden > 0) call set_up(motion, whole, load, nu, status)
-    if (n_hidden == 0) call set_up(motion, system, load, nu, status)
+    if (n_hidden > 0) call set_up(motion, whole, load%orders, forces, nu, status)
+    if (n_hidden == 0) call set_up(motion, system, load%orders, forces, nu, status)
   end subroutine new_polynomial_motion
 
   !> The motion of a system without memory.
-  subroutine set_up(motion, system, load, nu, status)
+  subroutine set_up(motion, system, orders, forces, nu, status)
     type(polynomial_motion_type), intent(inout) :: motion
     type(polynomial_type), intent(in) :: system
-    type(load_type), intent(in) :: load
+    !> Of the load, and what it is on the first coordinates, shape (n, size(orders)).
+    integer, intent(in) :: orders(:)
+    complex(wp), intent(in) :: forces(:, :)
     real(wp), intent(in) :: nu
     type(status_type), intent(inout) :: status
     complex(wp) :: inverse(system%n_dof(), system%n_dof())
@@ -116,9 +123,9 @@ contains
     motion%inverse = real(inverse)
     motion%stiffness = matmul(motion%inverse, system%stiffness_at_rest())
     motion%damping = matmul(motion%inverse, system%damping)
-    motion%orders = load%orders
+    motion%loads%orders = orders
     n = system%n_dof() - motion%n_hidden
-    motion%load = matmul(motion%inverse(:, :n), load%force)
+    motion%loads%load = matmul(motion%inverse(:, :n), forces)
     motion%drives = [(nu, i=1, 2)]
     motion%quarters = [0, 3]
     motion%limited = .false.
@@ -364,23 +371,39 @@ contains
     class(polynomial_motion_type), intent(inout) :: self
     !> Shapes (n) and (n_dof - n_hidden, 4, n), the last one of no effect.
     real(wp), intent(in) :: breaks(:), pieces(:, :, :)
-    integer :: i
-    self%table%breaks = breaks
-    allocate (self%table%pieces(self%n_dof, 4, size(breaks)))
-    do i = 1, size(breaks)
-      self%table%pieces(:, :, i) = matmul(self%inverse(:, :size(pieces, 1)), pieces(:, :, i))
-    end do
-    allocate (self%piece(self%n_dof, 4), source=0.0_wp)
+    call self%loads%add_table(self%inverse, breaks, pieces)
     self%timed = .true.
     self%drives = [self%drives, 0.0_wp]
     self%quarters = [self%quarters, 0]
   end subroutine add_table
 
+  !> Forces for ever, on all coordinates.
+  subroutine hold(self, force)
+    class(polynomial_motion_type), intent(inout) :: self
+    real(wp), intent(in) :: force(:)
+    call self%loads%hold(matmul(self%inverse, force))
+  end subroutine hold
+
+  !> The base turns a corner: surfaces are left or passed over at once, turns are made.
+  subroutine jump(self, t, q, before, v, sides)
+    class(polynomial_motion_type), intent(inout) :: self
+    real(wp), intent(in) :: t, q(:), before(:)
+    real(wp), intent(inout) :: v(:)
+    integer, intent(inout) :: sides(:)
+    if (size(sides) == 0) return
+    call push_on(self%laws, 0, v, sides)
+    call turn_over(self%laws, q, v, sides)
+    call jump_over(self%laws, t, q, before, v, sides)
+    call self%take_sides(sides)
+    if (self%laws%n_slides() > 0) call self%laws%stay(q, v)
+  end subroutine jump
+
   subroutine enter(self, from, to)
     class(polynomial_motion_type), intent(inout) :: self
     real(wp), intent(in) :: from, to
     self%present_piece = [from, to]
-    if (self%timed) self%piece = self%table%between(from, to)
+    call self%loads%enter(from, to)
+    call self%base_motion%enter(from, to)
   end subroutine enter
 
   pure subroutine acceleration(self, q, v, drive, a)
@@ -452,33 +475,8 @@ contains
     class(polynomial_motion_type), intent(in) :: self
     real(wp), intent(in) :: q(n_lanes, self%n_dof), drive(n_lanes, size(self%drives))
     real(wp), intent(inout) :: a(n_lanes, self%n_dof)
-    real(wp) :: c(n_lanes), s(n_lanes)
-    integer :: d, k, order
-
     call take_monomials(self%monomials, self%n_dof, self%inverse, q, a)
-    ! cos and sin of the order reached so far.
-    order = 0
-    c = 1.0_wp
-    s = 0.0_wp
-    do k = 1, size(self%orders)
-      do while (order < self%orders(k))
-        if (order == 0) then
-          c = drive(:, 1)
-          s = drive(:, 2)
-        else
-          call turn(c, s, drive)
-        end if
-        order = order + 1
-      end do
-      do d = 1, self%n_dof
-        call add_two(a(:, d), real(self%load(d, k)), s, aimag(self%load(d, k)), c)
-      end do
-    end do
-    if (.not. self%timed) return
-    do d = 1, self%n_dof
-      a(:, d) = a(:, d) + (((self%piece(d, 1)*drive(:, 3) + self%piece(d, 2))*drive(:, 3) &
-                            + self%piece(d, 3))*drive(:, 3) + self%piece(d, 4))
-    end do
+    call self%loads%add_to(drive, a)
   end subroutine add_pushes
 
   !> The equations hold everywhere.
@@ -493,8 +491,7 @@ contains
   !! steps begin with.
   pure real(wp) function fastest(self)
     class(polynomial_motion_type), intent(in) :: self
-    fastest = max(self%linear_rate, self%drives(1) &
-                  *maxval([self%orders, 0], [any(abs(self%load) > 0.0_wp, 1), .true.]))
+    fastest = max(self%linear_rate, self%drives(1)*self%loads%highest())
   end function fastest
 
 end module viscovib_polynomial_motion

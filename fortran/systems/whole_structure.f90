@@ -20,7 +20,7 @@ module viscovib_whole_structure
 
 contains
 
-  !> Whether it is small, without moving base, all with mass, and has laws with kinks or jumps.
+  !> Whether it is small, all with mass, and has laws with kinks or jumps.
   pure logical function switches(model)
     type(structure_model), intent(in) :: model
     integer :: i, j
@@ -29,7 +29,7 @@ contains
     if (model%is_reduced .or. size(model%mass, 1) > max_coordinates) return
     if (.not. is_definite(model%mass)) return
     if (abs(model%modal%loss) > 0.0_wp) return
-    if (model%load%moves_base() .or. any(model%rest%idle)) return
+    if (any(model%rest%idle)) return
     do i = 1, size(model%elements)
       do j = 1, size(model%elements(i)%laws)
         switches = switches .or. any(branches(model%elements(i)%laws(j)%program%code))
@@ -72,6 +72,7 @@ contains
     p%mass = model%mass
     p%damping = damping
     p%base_direction = [(0.0_wp, a=1, n)]
+    if (allocated(model%base_direction)) p%base_direction = model%base_direction
     call new_polynomial(system, p, kernels, status)
   end subroutine whole_polynomial
 

@@ -8,7 +8,7 @@ module viscovib_memory_channels
   implicit none
   private
 
-  public :: channels_type, is_steep, new_channels
+  public :: channels_type, is_steep, new_channels, variables_of
 
   type :: channels_type
     !> T, shape (n_channels, n_memory), and S, shape (n_dof, n_channels).
@@ -66,12 +66,25 @@ contains
     type(channels_type), intent(inout) :: channels
     class(oscillator_type), intent(in) :: system
     real(wp), intent(in) :: held(:)
-    real(wp) :: u(1, size(held) + system%n_rates()), w(1, system%n_memory())
     integer :: c
 
     channels%held = 0.0_wp*channels%kernel_of
     channels%held_recalled = channels%held
     if (.not. any(abs(held) > 0.0_wp)) return
+    channels%held = matmul(channels%gather, variables_of(system, held))
+    do c = 1, size(channels%kernel_of)
+      channels%held_recalled(c) = system%kernels(channels%kernel_of(c))%integral()*channels%held(c)
+    end do
+  end subroutine set_held
+
+  !> The hereditary variables of a displacement that is held.
+  function variables_of(system, held)
+    class(oscillator_type), intent(in) :: system
+    real(wp), intent(in) :: held(:)
+    real(wp) :: variables_of(system%n_memory())
+    real(wp) :: u(1, size(held) + system%n_rates()), w(1, system%n_memory())
+    integer :: c
+
     u = 0.0_wp
     u(1, :size(held)) = held
     w = 0.0_wp
@@ -79,12 +92,8 @@ contains
     do c = 1, system%n_memory()
       if (.not. system%bent(c)) w(1, c) = 0.0_wp
     end do
-    w(1, :) = w(1, :) + matmul(system%gather, held)
-    channels%held = matmul(channels%gather, w(1, :))
-    do c = 1, size(channels%kernel_of)
-      channels%held_recalled(c) = system%kernels(channels%kernel_of(c))%integral()*channels%held(c)
-    end do
-  end subroutine set_held
+    variables_of = w(1, :) + matmul(system%gather, held)
+  end function variables_of
 
   !> Whether a kernel grows without bound towards 0, or falls off well within a step h.
   logical function is_steep(system, channels, h)

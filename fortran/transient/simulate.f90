@@ -95,8 +95,9 @@ contains
     type(layer_watch) :: layers
     type(flushing_type) :: flushing
     integer(i8) :: i, column
-    real(wp) :: now
+    real(wp) :: now, speed(size(method%q))
     integer :: piece
+    logical :: turns
 
     call flushing%begin()
     outcome = run_completed
@@ -107,7 +108,8 @@ contains
     if (present(mesh)) ends = mesh
     piece = ends%piece_of(first)
     now = ends%start_of(first)
-    if (ends%is_broken()) call enter_piece(method, system, ends, piece, now)
+    call come_from(system, ends, piece, first, turns)
+    if (ends%is_broken()) call enter_piece(method, system, ends, piece, now, turns, speed)
     if (.not. present(watch)) call new_watch(unwatched, [real(wp) ::])
     system%step_length = method%h
     if (allocated(system%sides)) then
@@ -119,6 +121,7 @@ contains
       at%fresh = spread(.false., 1, size(at%sides))
     end if
     call begin_graded(at, system, method%q, method%v, ends%begins(piece, first))
+    if (turns) call turn(method, system, now, speed, at%sides)
     call layers%begin(system, now, method%q, method%v)
     missed = .false.
     do i = 1, n_steps
@@ -129,8 +132,7 @@ contains
       end if
       if (first + i - 1 >= ends%made_by(piece)) then
         piece = piece + 1
-        call enter_piece(method, system, ends, piece, now)
-        call begin_small(at, system%first_part())
+        call go_on(method, system, ends, piece, now, at)
         call past%forget()
       end if
       at%from = now
@@ -152,9 +154,7 @@ contains
       if (mod(i, save_every) /= 0) cycle
       column = i/save_every
       if (column > size(states, 2)) cycle
-      if (counting) call count_up(counted_states, 1)
-      states(1::2, column) = method%q(:size(states, 1)/2)
-      states(2::2, column) = method%v(:size(states, 1)/2)
+      call keep(method, system, now, states(:, column))
     end do
     if (layers%on) missed = layers%look(system)
     if (outcome == run_completed) then
@@ -173,6 +173,21 @@ contains
     n_reached = wanted%n_reached
     at_times(:, :n_reached) = wanted%states(:size(at_times, 1), :n_reached)
   end subroutine run_through
+
+  !> Keep the present state, that of the body.
+  subroutine keep(method, system, now, state)
+    class(stepper_type), intent(in) :: method
+    class(driven_system_type), intent(in) :: system
+    real(wp), intent(in) :: now
+    real(wp), intent(out) :: state(:)
+    real(wp) :: q(size(method%q)), v(size(method%q))
+    q = method%q
+    v = method%v
+    call system%add_base(now, q, v)
+    if (counting) call count_up(counted_states, 1)
+    state(1::2) = q(:size(state)/2)
+    state(2::2) = v(:size(state)/2)
+  end subroutine keep
 
   !> One step of equations without surfaces.
   subroutine make_step(method, system, at, past, wanted, unwatched, t_reached, outcome)
@@ -287,23 +302,71 @@ contains
     if (wanted%lost) call give_up(method, at, t_reached, outcome)
   end subroutine make_parts
 
-  !> Steps of a piece of the mesh from now on; they are the same again if it was entered
-  !! already.
-  subroutine enter_piece(method, system, ends, piece, now)
+  !> Whether a run goes on at the end of a piece, whose corner is turned as those on the way are.
+  subroutine come_from(system, ends, piece, first, turns)
+    class(driven_system_type), intent(inout) :: system
+    type(mesh_type), intent(in) :: ends
+    integer, intent(in) :: piece
+    integer(i8), intent(in) :: first
+    logical, intent(out) :: turns
+    turns = piece > 1 .and. ends%begins(piece, first) .and. .not. system%begins
+    if (turns) call system%enter(ends%beginning(piece - 1), ends%ends(piece - 1))
+  end subroutine come_from
+
+  !> The next piece of the mesh begins on the way.
+  subroutine go_on(method, system, ends, piece, now, at)
     class(stepper_type), intent(inout) :: method
     class(driven_system_type), intent(inout) :: system
     type(mesh_type), intent(in) :: ends
     integer, intent(in) :: piece
     real(wp), intent(in) :: now
-    real(wp) :: from
+    type(watched_step_type), intent(inout) :: at
+    real(wp) :: speed(size(method%q))
+    call enter_piece(method, system, ends, piece, now, .true., speed)
+    call turn(method, system, now, speed, at%sides)
+    call begin_small(at, system%first_part())
+  end subroutine go_on
+
+  !> Steps of a piece of the mesh from now on; they are the same again if it was entered
+  !! already. Where the base turns a corner the body does not: relative velocities jump.
+  subroutine enter_piece(method, system, ends, piece, now, turns, speed)
+    class(stepper_type), intent(inout) :: method
+    class(driven_system_type), intent(inout) :: system
+    type(mesh_type), intent(in) :: ends
+    integer, intent(in) :: piece
+    real(wp), intent(in) :: now
+    !> Whether the motion comes from the piece before; velocities before the corner.
+    logical, intent(in) :: turns
+    real(wp), intent(out) :: speed(:)
+    real(wp) :: from, q(size(speed)), v(size(speed))
 
     from = 0.0_wp
     if (piece > 1) from = ends%ends(piece - 1)
+    speed = method%v
+    q = 0.0_wp
+    v = 0.0_wp
+    if (turns) call system%add_base(now, q, v)
     call system%enter(from, ends%ends(piece))
+    if (turns) call system%add_base(now, q, v, share=-1.0_wp)
+    if (any(abs(v) > 0.0_wp)) call method%put(method%q, method%v + v)
     if (abs(method%h - ends%h(piece)) > 0.0_wp .or. abs(now - from) <= 0.0_wp) then
       call method%change_step(system, ends%h(piece))
     end if
   end subroutine enter_piece
+
+  !> On which sides of its surfaces the motion is behind a corner of the base.
+  subroutine turn(method, system, now, speed, sides)
+    class(stepper_type), intent(inout) :: method
+    class(driven_system_type), intent(inout) :: system
+    real(wp), intent(in) :: now, speed(:)
+    integer, intent(inout) :: sides(:)
+    real(wp) :: v(size(speed))
+    if (.not. system%base_motion%has_corners()) return
+    if (.not. any(abs(method%v - speed) > 0.0_wp)) return
+    v = method%v
+    call system%jump(now, method%q, speed, v, sides)
+    if (any(abs(v - method%v) > 0.0_wp)) call method%put(method%q, v)
+  end subroutine turn
 
   !> Whether the step that was not made, or comes near the edge of the physics, leads out; if so
   !! the state in `method` becomes that at the stop. If not, small steps stand for it there: beside

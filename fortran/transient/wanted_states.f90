@@ -65,6 +65,7 @@ contains
       end if
       self%n_reached = self%n_reached + 1
       if (counting) call count_up(counted_states, 1)
+      call system%add_base(self%times(self%n_reached), q, v)
       self%states(1::2, self%n_reached) = q
       self%states(2::2, self%n_reached) = v
     end do

@@ -7,6 +7,7 @@
 !! from there on, parts are no longer than their distance from it: each has half or twice the length
 !! of its neighbour, so that the polynomials converge in all of them at the same rate.
 module viscovib_watched_step
+  use viscovib_body_states, only: body_function, put_on_base
   use viscovib_driven_system, only: driven_system_type
   use viscovib_event_search, only: first_passage, signal_along
   use viscovib_kinds, only: wp
@@ -444,32 +445,38 @@ contains
   subroutine note_events(at, method, system, watch, sticks)
     type(watched_step_type), intent(inout) :: at
     class(stepper_type), intent(inout) :: method
-    class(driven_system_type), intent(in) :: system
-    type(watch_type), intent(inout) :: watch
+    class(driven_system_type), intent(in), target :: system
+    type(watch_type), intent(inout), target :: watch
     !> As of `look`.
     logical, intent(in) :: sticks
     type(passage_type), allocatable :: found(:)
     class(stepper_type), allocatable :: start
+    type(body_function) :: signal
+    type(step_path) :: body
     real(wp) :: q(size(at%q)), v(size(at%q)), place, t(1), here(1, size(at%q))
     real(wp) :: rate(1, size(at%q))
     integer :: i
     logical :: passes, made
 
-    call watch%extremes%take(at%path)
+    if (watch%is_idle()) return
+    body = at%path
+    call put_on_base(system, body%start + body%h*body%points, body%q, body%v)
+    call watch%extremes%take(body)
     if (size(watch%signals) == 0) return
-    call watch%look(at%path, sticks, found)
+    call watch%look(body, sticks, found)
     if (size(found) == 0) return
+    signal%system => system
     allocate (start, source=method)
     call start%load_memory(at%memory)
     do i = 1, size(found)
       associate (which => found(i)%which)
         place = found(i)%place
         made = .true.
+        signal%signal => watch%signals(which)
         if (watch%bent(which)) then
-          call settle_thin(start, system, watch%signals(which), found(i)%side, at%path, place, q, v)
+          call settle_thin(start, system, signal, found(i)%side, at%path, place, q, v)
         else
-          call correct(start, system, watch%signals(which), found(i)%side, at, place, passes, &
-                       made, q, v)
+          call correct(start, system, signal, found(i)%side, at, place, passes, made, q, v)
         end if
         if (.not. made .or. abs(place - found(i)%place) > furthest) then
           ! That is another passage, or none that steps tell: they are too large for so many.
@@ -478,7 +485,10 @@ contains
           q = here(1, :)
           v = rate(1, :)
         end if
-        call watch%keep(which, at%from + place*start%h, q, v)
+        here(1, :) = q
+        rate(1, :) = v
+        call put_on_base(system, [at%from + place*start%h], here, rate)
+        call watch%keep(which, at%from + place*start%h, here(1, :), rate(1, :))
         at%ended = watch%terminal(which)
       end associate
     end do

@@ -310,8 +310,6 @@ def test_what_is_refused_says_why():
     )
     with pytest.raises(vv.InputError, match="of them exponentials of forces that remember"):
         vv.simulate(sharp, 1000, dt=0.1, load=0.3, nu=1)
-    with pytest.raises(vv.InputError, match="neither base nor held"):
-        run(rubber(), held=[0.1, 0.0])
     with pytest.raises(vv.InputError, match="has the methods auto, gauss8, got method = "):
         run(rubber(), method="rk4")
     # A wrong method is not the fault of a kernel.

@@ -57,6 +57,28 @@ MORE = {
 &load on='x' amplitude=0.8 /
 &transient t_end=12 nu=0.9 tolerance=1e-10 /
 """,
+    "a base and a past beside switches": """&kernel kind='prony' weights=0.3 0.6 rates=1 5 /
+&system coordinates='x' 'y' mass=1 2 stiffness=2 -1 -1 2 damping=0.1 0 0 0.1
+  base_direction=1 0.5 /
+&force on='x' law='5*max(x - 0.1, 0)' /
+&force on='y' law='0.1*sign(y_dot)' kernel=0 /
+&load kind='base' amplitude=0.4 /
+&load on='x' amplitude=0.8 /
+&transient t_end=12 nu=0.9 held=0.2 0.1 initial=0.1 0 0.1 0.2 tolerance=1e-10 /
+&event function='x - 0.2' /
+""",
+    "a base beside switches": """
+&system mass=1 stiffness=1 damping=0.1 base_direction=1 coordinates='x' /
+&force on='x' law='5*max(x - 0.1, 0)' /
+&load kind='base' amplitude=0.4 /
+&transient t_end=12 nu=0.9 dt=0.1 /
+""",
+    "a past beside a singular kernel": """&kernel kind='rabotnov' amplitude=0.3 alpha=0.4 beta=1 /
+&structure mass=1 2 stiffness=1 2 damping=0.1 0.2 base_direction=1 1 /
+&element on='x1' 'x2' stiffness=2 law='5*max(d - 0.1, 0)' /
+&load kind='base' amplitude=0.2 /
+&transient t_end=4 nu=1.1 held=0.3 -0.1 tolerance=1e-9 /
+""",
     "folded": """&system coordinates='x' mass=1 stiffness=1 damping=0.1 /
 &force on='x' law='x^3' /
 &load amplitude=0.3 /
@@ -107,7 +129,7 @@ MORE = {
 &load order=3 amplitude=0.05 /
 &response nu=1 2 3 method='newton' sampling='yes' dissipation='yes' stability='yes' /
 """,
-    "lost_along": """&system coordinates='x' mass=1 stiffness=1 damping=0.1 base_direction=1 /
+    "lost_along": """&system mass=1 stiffness=1 damping=0.1 base_direction=1 coordinates='x' /
 &force on='x' law='0.5*x*abs(x) + 0.1*x_dot^3' /
 &load kind='base' amplitude=0.3 phase=0.5 /
 &branch nu=1.2 vary='load_factor' from=0.2 to=1 sampling='yes' dissipation='yes' /

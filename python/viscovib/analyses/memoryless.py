@@ -10,7 +10,14 @@ import numpy.typing as npt
 
 from viscovib import _native
 from viscovib._native import FloatArray, core
-from viscovib.analyses.hereditary import EVER, NODES, moving, table_of, warn_of_slow_mode
+from viscovib.analyses.hereditary import (
+    EVER,
+    NODES,
+    MountMotion,
+    moving,
+    table_of,
+    warn_of_slow_mode,
+)
 from viscovib.analyses.runs import MAX_STEPS, Piece, Run, ThinLayers, nothing, starting_state
 from viscovib.common.parameters import MAX_HARMONICS
 from viscovib.common.past import Past
@@ -110,18 +117,18 @@ def goes_as_pendulum(
         return False
     if system._active_kernels and not _fades_beside_switches(system, method):
         return False
-    plain = load is None or type(load) is float
     orders: list[Any] = []
-    if not plain and isinstance(load, Mapping):
-        # Forces by the names of coordinates are of order 1.
-        orders = [1 if isinstance(order, str) else order for order in load]
+    for given in (load, base):
+        if isinstance(given, Mapping):
+            # What has the names of coordinates is of order 1.
+            orders += [1 if isinstance(order, str) else order for order in given]
     highest = max(orders, default=0)
     return (
         len(system.dof_names) <= MAX_DOF
         # What no method is called is refused with the names of all.
         and not (isinstance(method, str) and method in NODES and method not in METHODS)
-        and base is None
-        and held is None
+        # Where no step has to end on a switch those of a mount serve.
+        and ((base is None and held is None) or switches_by_itself(system))
         and isinstance(highest, int)
         and highest <= MAX_HARMONICS
     )
@@ -157,23 +164,33 @@ def polynomial_runs(
     force: LoadTable | None,
     solved: float,
     whole: bool = False,
+    base: LoadLike | LoadTable | None = None,
+    held: npt.ArrayLike | Past | None = None,
 ) -> tuple[Callable[[float], Run], int]:
     """Return what makes a run with a step, and the steps to begin with.
 
     ``whole``: of a structure by its whole equations, with elements that may switch.
     """
     n = len(system.dof_names)
-    breaks, pieces = table_of(force, n)
-    state = np.zeros(2 * n) if initial is None else starting_state(initial, n, system.dof_names)
-    if load is None and nu is not None:
-        raise InputError("nu: must not be given without load")
-    # One number names no coordinate.
-    named = None if type(load) is float else name_places(system.dof_names)
-    orders, series = load_series(load, None, n, named)
+    motion: MountMotion | None = None
+    if base is None and held is None:
+        breaks, pieces = table_of(force, n)
+        state = np.zeros(2 * n) if initial is None else starting_state(initial, n, system.dof_names)
+        if load is None and nu is not None:
+            raise InputError("nu: must not be given without load")
+        # One number names no coordinate.
+        named = None if type(load) is float else name_places(system.dof_names)
+        orders, series = load_series(load, None, n, named)
+    else:
+        motion = MountMotion.checked(
+            system, end, initial, "auto", load, nu, base, force, held, "auto"
+        )
+        breaks, pieces, state = motion.breaks, motion.pieces, motion.state
+        orders, series = motion.series
     frequency = 0.0 if nu is None else _native.number("nu", nu)
     # Of so few numbers Python's own are looked at faster than arrays.
-    given_orders: list[int] = orders.tolist()
-    forces: list[list[complex]] = series[:-1].tolist()
+    given_orders: list[int] = [k if k >= 0 else -1 - k for k in orders.tolist()]
+    forces: list[list[complex]] = series.tolist()
     starts: list[float] = state.tolist()
     acting = [k for k, column in zip(given_orders, zip(*forces, strict=True), strict=True)
               if any(column)]  # fmt: skip
@@ -197,17 +214,36 @@ def polynomial_runs(
         for i in range(n)
     ]
     # What elements and surfaces know is kept in one order, whatever acts later on.
-    together = all(driven) or whole or switches_by_itself(system)
+    together = all(driven) or whole or motion is not None or switches_by_itself(system)
     moves = _all_move(n) if together else moving(system, np.array(driven))
     layers = ThinLayers()
     reach = EVER
-    if system._active_kernels:
+    if system._active_kernels and motion is None:
         warn_of_slow_mode(system)
     flat = system._flat
     if flat[_N_KERNELS] and n_hidden(system)[1]:
         reach = min(_REACH * end, EVER)
-    job = (flat, orders, series, frequency, breaks, pieces, moves, layers, reach, force)
+        if motion is not None:
+            reach -= float(motion.before[0])
+    past = _no_past(n) if motion is None else (motion.held, motion.before, motion.moved)
+    cubics = _no_cubics() if motion is None else (motion.base_breaks, motion.base_pieces)
+    job = (
+        flat, orders, series, frequency, breaks, pieces, moves, layers, reach, force, motion,
+        cubics, past,
+    )  # fmt: skip
     return partial(PolynomialRun.of_job, system, name, state, solved, job), steps
+
+
+@cache
+def _no_past(n: int) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """What was held before a motion that begins at rest, times before it, and displacements."""
+    return nothing(n), nothing(1), np.zeros((n, 1), order="F")
+
+
+@cache
+def _no_cubics() -> tuple[FloatArray, FloatArray]:
+    """A base without a table."""
+    return nothing(1), np.zeros((4, 1, 1), order="F")
 
 
 def _of_states(size: int, method: str, n: int, hidden: int = 0) -> npt.NDArray[np.bool_]:
@@ -266,7 +302,7 @@ class PolynomialRun(Run):
         super().adopt(earlier)
         self.memory = earlier.memory
         if isinstance(earlier, PolynomialRun):
-            self.job = (*self.job[:8], earlier.job[8], *self.job[9:])
+            self.job = (*self.job[:8], earlier.job[8], *self.job[9:12], earlier.job[12])
             self.hidden = earlier.hidden
 
     @property
@@ -291,9 +327,16 @@ class PolynomialRun(Run):
         """Compute all coordinates."""
         self.job = (*self.job[:6], np.ones_like(self.job[6]), *self.job[7:])
 
+    @property
+    def motion(self) -> MountMotion | None:
+        """How its base moves and what came before it; None: not at all, and nothing."""
+        known: MountMotion | None = self.job[10]
+        return known
+
     def power(self, t: FloatArray, state: FloatArray) -> FloatArray:
         """Power of load and damping."""
-        _, orders, series, nu, *_, table = self.job
+        _, orders, series, nu, *_ = self.job
+        table = self.job[9]
         v = state[:, 1::2]
         force = (np.exp(1j * nu * np.outer(t, orders)) @ series[:-1].T).imag
         if table is not None:
@@ -301,6 +344,11 @@ class PolynomialRun(Run):
             force = force + given if given.ndim == 2 else force
             force[:, 0] += given if given.ndim == 1 else 0.0
         return np.asarray(np.einsum("ta,ta->t", v, force - v @ self.system._damping.T))
+
+    def _past(self, resume: int) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """What was held; and of a run that begins, the motion before it."""
+        held, before, moved = self.job[12]
+        return (held, before[-1:], moved[:, -1:]) if resume else (held, before, moved)
 
     def _plan(self, end: float, dt: float, tolerance: float, every: int, last: bool) -> bytes:
         text: bytes = _native.call(
@@ -330,6 +378,8 @@ class PolynomialRun(Run):
                 self.job[0],
                 self.job[8],
                 *self.job[1:6],
+                *self.job[11],
+                *self._past(resume),
                 *self._mesh_arrays(),
                 METHODS[self.method],
                 int(in_parts),

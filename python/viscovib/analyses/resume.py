@@ -11,7 +11,12 @@ from viscovib import _native
 from viscovib._native import FloatArray
 from viscovib.analyses.events import Watch
 from viscovib.analyses.hereditary import NODES, MountMotion, hereditary_run_of, moving
-from viscovib.analyses.memoryless import goes_as_pendulum, pendulum_runs, polynomial_runs
+from viscovib.analyses.memoryless import (
+    PolynomialRun,
+    goes_as_pendulum,
+    pendulum_runs,
+    polynomial_runs,
+)
 from viscovib.analyses.runs import Run, Wanted, again, nothing, with_estimate
 from viscovib.analyses.structure_motion import StructureMotion, structure_motion_of
 from viscovib.analyses.whole_structure import WholeRun, whole_runs
@@ -140,13 +145,11 @@ def other_loads(
     breaks = breaks_of(force, base, len(system.dof_names))
     before = hereditary_run_of(run)
     if before is None and goes_as_pendulum(system, run.method, load, base, None, "auto"):
-        make, _ = polynomial_runs(system, end, run.state, run.method, load, nu, force, run.solved)
-        return known(make, breaks, force, base)
-    if before is None and system._active_kernels:
-        raise InputError(
-            "base: of a motion that ends its steps where laws switch and remembers, must not be "
-            "given with resume"
+        make, _ = polynomial_runs(
+            system, end, run.state, run.method, load, nu, force, run.solved, base=base
         )
+        _check_base(_motion_of(make(run.h)), _motion_of(run), run.time)
+        return known(make, breaks, force, base)
     if run.method not in NODES:
         raise InputError(
             f"resume: by method {run.method!r} no base moves and no load has such orders, must be "
@@ -179,12 +182,13 @@ def _other_loads_of_structure(
     if not loaded:
         return None
     if isinstance(run, WholeRun):
-        if base is not None:
-            raise InputError("base: a structure with elements that switch has none in time")
         given: Any = run.system
         names = None if run.places is None else [given.dof_names[i] for i in run.places]
-        make, _ = whole_runs(given, end, None, run.method, load, nu, force, run.solved, names)
-        return known(make, breaks_of(force, None, len(given.dof_names)), force, None)
+        make, _ = whole_runs(
+            given, end, None, run.method, load, nu, force, run.solved, names, base=base
+        )
+        _check_base(_motion_of(make(run.h)), run.motion, run.time)
+        return known(make, breaks_of(force, base, len(given.dof_names)), force, base)
     before = structure_motion_of(run)
     assert before is not None
     system = before.mount
@@ -202,11 +206,18 @@ def _other_loads_of_structure(
     return known(motion.runs(run.solved), breaks, force, base)
 
 
+def _motion_of(run: Run) -> MountMotion | None:
+    """How the base of a run of a polynomial system moves, where it does."""
+    return run.motion if isinstance(run, PolynomialRun) else None
+
+
 def _check_base(motion: Any, before: Any, now: float) -> None:
     """Refuse a base that is not where it was."""
-    here = np.atleast_1d(motion.base_at(now))
-    place = 0.0 * here if before is None else np.atleast_1d(before.base_at(now))
-    most = max(motion.travel, 0.0 if before is None else before.travel)
+    if motion is None is before:
+        return
+    places = [0.0 if one is None else np.atleast_1d(one.base_at(now)) for one in (motion, before)]
+    here, place = np.broadcast_arrays(*places)
+    most = max(one.travel for one in (motion, before) if one is not None)
     if np.abs(here - place).max() > _OFF * most:
         if np.ptp(here) == 0 == np.ptp(place):
             # A base that moves all coordinates alike has one place.

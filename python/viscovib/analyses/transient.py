@@ -178,10 +178,10 @@ def simulate(
     the nodes of a step. A step costs as many operations as there are modes, times its nodes. Its
     methods are those of a mount. A polynomial system of more than 64 coordinates goes the same way.
     Where laws have kinks or states, steps end at their switches in structures of at most 64
-    coordinates without ``held``, ``base`` and ``memory="direct"``, and in polynomial systems of at
-    most 6: by the methods of a pendulum, of which more than 6 coordinates have "gauss8", "gauss2"
-    and "gauss3", those with memory "gauss8". Kernels that are no sums of exponentials are taken as
-    such, fitted for the step; tables of points cannot be.
+    coordinates without ``memory="direct"``, which keeps the past at whole steps, and in polynomial
+    systems of at most 6: by the methods of a pendulum, of which more than 6 coordinates have
+    "gauss8", "gauss2" and "gauss3", those with memory "gauss8". Kernels that are no sums of
+    exponentials are taken as such, fitted for the step; tables of points cannot be.
 
     Examples
     --------
@@ -346,9 +346,12 @@ def runs_of(
                 raise InputError(f"{argument}: is for a Mount; a Pendulum has its loads in itself")
         _native.choice("memory", given.memory, ("auto",))
         return *pendulum_runs(system, end, initial, method, solved), 1
-    if goes_whole(system, method, base, held, given.memory):
+    if goes_whole(system, method, given.memory):
         kept = given.coordinates
-        return *whole_runs(system, end, initial, method, load, nu, force, solved, kept), 1
+        made = whole_runs(
+            system, end, initial, method, load, nu, force, solved, kept, base=base, held=held
+        )
+        return *made, 1
     if isinstance(system, Structure) or goes_condensed(system):
         shape = StructureMotion.checked(
             system, end, initial, method, load, nu, base, force, held, given.memory,
@@ -357,7 +360,10 @@ def runs_of(
         make = shape.runs(far if shape.remembers else ROUNDING)
         return make, shape.first_steps(), 2 if shape.remembers else 1
     if goes_as_pendulum(system, method, load, base, held, given.memory):
-        return *polynomial_runs(system, end, initial, method, load, nu, force, solved), 1
+        made = polynomial_runs(
+            system, end, initial, method, load, nu, force, solved, base=base, held=held
+        )
+        return *made, 1
     motion = MountMotion.checked(
         system, end, initial, method, load, nu, base, force, held, given.memory
     )

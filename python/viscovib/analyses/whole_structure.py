@@ -14,6 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from viscovib._native import FloatArray, shown
+from viscovib.analyses.hereditary import MountMotion
 from viscovib.analyses.memoryless import (
     AS_COORDINATES,
     IN_SECTIONS,
@@ -27,6 +28,7 @@ from viscovib.analyses.memoryless import (
 )
 from viscovib.analyses.runs import Run, Wanted
 from viscovib.analyses.structure_motion import StructureTrajectory
+from viscovib.common.past import Past
 from viscovib.errors import InputError
 from viscovib.results.trajectory import Trajectory
 from viscovib.systems.load import LoadLike
@@ -49,8 +51,6 @@ _Places = npt.NDArray[np.intp] | None
 def goes_whole(
     system: object,
     method: str,
-    base: object,
-    held: object,
     memory: str,
 ) -> TypeGuard[Structure]:
     """Whether a structure is small, has laws with kinks or states, and fades by exponentials."""
@@ -78,8 +78,6 @@ def goes_whole(
             f"of more than {MAX_DOF} coordinates, or with kernels, takes no law that switches with "
             "the rate, as sign(v), on the deflection of an element with a state"
         )
-    elif base is not None or held is not None:
-        told = "takes neither base nor held"
     if told is None:
         return True
     if any(element.law is not None and element.law.state for element in system._all_elements):
@@ -133,6 +131,9 @@ def whole_runs(
     force: LoadTable | None,
     solved: float,
     coordinates: Sequence[str] | None = None,
+    *,
+    base: LoadLike | LoadTable | None = None,
+    held: npt.ArrayLike | Past | None = None,
 ) -> tuple[Callable[[float], Run], int]:
     """Return what makes a run with a step, and the steps to begin with.
 
@@ -140,7 +141,9 @@ def whole_runs(
     """
     places = None if coordinates is None else structure._chosen(coordinates)
     whole = whole_system(structure)
-    make, steps = polynomial_runs(whole, end, initial, method, load, nu, force, solved, True)
+    make, steps = polynomial_runs(
+        whole, end, initial, method, load, nu, force, solved, True, base, held
+    )
     check_outside(structure, make(1.0).state)
     return partial(_of_structure, structure, places, make), steps
 
@@ -156,6 +159,21 @@ def check_outside(structure: Structure, state: FloatArray) -> None:
             raise InputError(
                 f"initial: element {i} has the deflection {d:g}, beyond its stop at {gap:g}"
             )
+
+
+def _base_states(motion: MountMotion, times: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """What the base moves the coordinates by, and how fast, before a corner, shapes (m, n)."""
+    waves = np.exp(1j * np.outer(times, motion.frequencies))
+    place = (waves @ motion.base.T).imag
+    speed = (waves @ (motion.frequencies * motion.base).T).real
+    if motion.table is not None:
+        breaks, a = motion.base_breaks, motion.base_pieces
+        i = np.clip(np.searchsorted(breaks, times) - 1, 0, None)
+        x = np.maximum(times - breaks[i], 0.0)
+        place = place + (((a[0][:, i] * x + a[1][:, i]) * x + a[2][:, i]) * x + a[3][:, i]).T
+        rate = (3 * a[0][:, i] * x + 2 * a[1][:, i]) * x + a[2][:, i]
+        speed = speed + np.where(times > breaks[0], rate, 0.0).T
+    return place @ motion._directions.T, speed @ motion._directions.T
 
 
 def _of_structure(
@@ -207,14 +225,20 @@ class WholeRun(PolynomialRun):
         columns = (2 * places[:, np.newaxis] + [0, 1]).ravel()
         given["state"] = run.state[:, columns]
         given["events"] = tuple(one._replace(state=one.state[:, columns]) for one in run.events)
+        relative = run.state
+        if self.motion is not None:
+            relative = run.state.copy()
+            place, speed = _base_states(self.motion, run.t)
+            relative[:, ::2] -= place
+            relative[:, 1::2] -= speed
         count = self._n_stops
         assert self.memory is not None
         # Since when it rests against each side of each stop, as the core keeps it.
         begin = int(self.memory[-1])
         since = self.memory[begin : begin + 2 * count].reshape(count, 2)
         return StructureTrajectory(
-            **given, deflections=run.state[:, ::2] @ directions,
-            rates=run.state[:, 1::2] @ directions,
+            **given, deflections=relative[:, ::2] @ directions,
+            rates=relative[:, 1::2] @ directions,
             _names=tuple(structure.dof_names[i] for i in places),
             _units=tuple(structure.dof_units[i] for i in places),
             resting_since=np.where(since < 0, np.nan, since),

@@ -144,7 +144,10 @@ def whole_system(structure: Structure) -> PolynomialSystem:
             add_force(forces[behind], c, own[on], factors, n)
         reads = np.array(coupling.directions)
         laws += [law.numbers(reads, own[on], behind) for on, law in coupling.programs]
-    whole = PolynomialSystem(mass=mass, stiffness=stiffness, damping=damping)
+    whole = PolynomialSystem(
+        mass=mass, stiffness=stiffness, damping=damping, base_direction=structure.base_direction
+    )
+    direction = np.zeros(n) if whole._base_direction is None else whole._base_direction
     monomials = [
         [c, on + 1, behind, *powers]
         for behind, group in enumerate(forces)
@@ -154,7 +157,7 @@ def whole_system(structure: Structure) -> PolynomialSystem:
     data = [part for one in kernels for part in ([one._kind, one._data.size], one._data)]
     parts: list[Any] = [
         [n, 1 + len(kernels), len(monomials), len(kernels), 1.0], mass.ravel(order="F"),
-        damping.ravel(order="F"), np.zeros(n), *springs, *monomials, *data,
+        damping.ravel(order="F"), direction, *springs, *monomials, *data,
         *([[len(laws)]] if laws else []), *laws,
     ]  # fmt: skip
     vector = np.concatenate([np.asarray(part, dtype=float) for part in parts])

@@ -33,6 +33,7 @@ module viscovib_base_motion
     procedure :: along
     procedure :: of_coordinates
     procedure :: add_to
+    procedure :: add_cubics
   end type base_motion_type
 
 contains
@@ -120,6 +121,27 @@ contains
       moved = values
     end if
   end function of_coordinates
+
+  !> It moves each of n coordinates by cubics besides.
+  subroutine add_cubics(self, n, direction, breaks, pieces)
+    class(base_motion_type), intent(inout) :: self
+    integer, intent(in) :: n
+    !> How the coordinates move with one displacement; none: each has its own.
+    real(wp), intent(in) :: direction(:)
+    !> Shapes (m) and (4, 1 or n, m).
+    real(wp), intent(in) :: breaks(:), pieces(:, :, :)
+    integer :: i
+    if (.not. self%moves()) then
+      allocate (self%frequencies(0), self%amplitudes(n, 0))
+    end if
+    self%breaks = breaks
+    self%pieces = pieces
+    if (size(direction) == 0) return
+    self%pieces = spread(pieces(:, 1, :), 2, n)
+    do i = 1, n
+      self%pieces(:, i, :) = direction(i)*pieces(:, 1, :)
+    end do
+  end subroutine add_cubics
 
   !> From a state relative to the base to that of the body; `share` -1: back.
   pure subroutine add_to(self, t, u, v, share)
