@@ -3,13 +3,15 @@
 !! The driver and the bindings know jobs by this alone. A new analysis extends `job_type` in a
 !! file of its own, and is named where scenes are read (`viscovib_scene_results`).
 module viscovib_job
+  use viscovib_kinds, only: wp
+  use viscovib_number_text, only: exact
   use viscovib_status, only: status_type, things
   use viscovib_subject, only: subject_type
   use viscovib_table, only: table_type
   implicit none
   private
 
-  public :: job_type, job_report, table_sink, plan_unwanted
+  public :: job_type, job_report, table_sink, plan_unwanted, told_error
 
   type, abstract :: job_type
     !> Which coordinates the tables show.
@@ -90,5 +92,13 @@ contains
     end do
     if (text /= '') text = 'skips: '//what//' of '//text(3:)//' (not asked for)'//new_line('a')
   end function plan_unwanted
+
+  !> What lines above tables say of an estimated error; nothing of one that is not known, below 0.
+  function told_error(error) result(text)
+    real(wp), intent(in) :: error
+    character(len=:), allocatable :: text
+    text = ''
+    if (error >= 0.0_wp) text = ', estimated error '//trim(exact(error))
+  end function told_error
 
 end module viscovib_job

@@ -2,7 +2,7 @@
 !! number, eight side by side: last states, peaks, exponents and sections.
 module viscovib_many_job
   use viscovib_constants, only: pi
-  use viscovib_job, only: job_report, job_type, plan_unwanted, table_sink
+  use viscovib_job, only: job_report, job_type, plan_unwanted, table_sink, told_error
   use viscovib_kinds, only: i8, wp
   use viscovib_lanes, only: n_lanes
   use viscovib_many_motions, only: many_motions
@@ -114,7 +114,7 @@ contains
       end if
     end if
     if (status%failed()) return
-    call put_tables(self, subject, many, sink, status)
+    call put_tables(self, subject, many, change, sink, status)
     report%complete = all(many%ended == run_completed)
     report%summary = things(size(self%values), 'motion')//', ' &
                      //show(count(many%ended == run_completed))//' completed, ' &
@@ -151,10 +151,12 @@ contains
   end subroutine lay_out
 
   !> A row for each motion; and one for each point of the sections of motions that were completed.
-  subroutine put_tables(self, subject, many, sink, status)
+  subroutine put_tables(self, subject, many, error, sink, status)
     class(many_job), intent(in) :: self
     type(subject_type), intent(in) :: subject
     type(many_motions), intent(in), target :: many
+    !> Negative: not known.
+    real(wp), intent(in) :: error
     class(table_sink), intent(inout) :: sink
     type(status_type), intent(out) :: status
     type(table_type) :: table, points
@@ -162,7 +164,7 @@ contains
     integer, allocatable :: whole(:)
     integer :: i, j, k, n
 
-    call table%note('last states, largest sizes and rms of each motion')
+    call table%note('last states, largest sizes and rms of each motion'//told_error(error))
     call table%hold_reals(self%vary, self%values)
     call table%add_words('outcome', many%ended, run_names)
     call table%add_reals('t_reached', many%t_reached)

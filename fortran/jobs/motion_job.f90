@@ -6,7 +6,7 @@ module viscovib_motion_job
   use viscovib_constants, only: pi
   use viscovib_counters, only: count_up, counted_columns, counting
   use viscovib_hereditary_job, only: hereditary_job, plan_hereditary
-  use viscovib_job, only: job_report, job_type, plan_unwanted, table_sink
+  use viscovib_job, only: job_report, job_type, plan_unwanted, table_sink, told_error
   use viscovib_kinds, only: wp
   use viscovib_law_end, only: told_law_end
   use viscovib_number_text, only: exact
@@ -113,6 +113,7 @@ contains
     type(status_type), intent(out) :: status
     type(trajectory_type), target :: trajectory
     character(len=:), allocatable :: folded, method
+    real(wp), allocatable :: shares(:)
     integer :: kept
 
     method = method_of(self%motion)
@@ -123,8 +124,11 @@ contains
       kept = count(trajectory%t >= self%spectrum%discard*(1.0_wp - 1.0e-12_wp))
       call check_length(kept, status)
       if (status%failed()) return
-      if (kept >= 2) call put_spectrum(self%spectrum, subject, trajectory, kept, sink, status)
-      if (status%failed()) return
+      if (kept >= 2) then
+        shares = aliased_shares(self%spectrum, trajectory, kept)
+        call put_spectrum(self%spectrum, subject, trajectory, kept, shares, sink, status)
+        if (status%failed()) return
+      end if
     end if
     call put_motion(self, subject, trajectory, method, sink, status)
     if (status%failed()) return
@@ -141,33 +145,46 @@ contains
     if (kept < 2) report%summary = report%summary//'; no spectrum: ' &
                                    //things(kept, 'state')//' from discard on, must be at least 2'
     if (self%spectrum%wanted .and. kept >= 2) then
-      folded = aliases(self%spectrum, subject, trajectory, kept)
+      folded = aliases(self%spectrum, subject, trajectory, kept, shares)
       report%complete = report%complete .and. folded == ''
       report%summary = report%summary//folded
     end if
   end subroutine run
 
-  !> Coordinates that swing faster than the last `kept` states tell, by their velocities.
-  function aliases(self, subject, trajectory, kept) result(text)
+  !> How much of each coordinate swings faster than the last `kept` states tell, by its velocity.
+  function aliased_shares(self, trajectory, kept) result(shares)
+    type(spectrum_job), intent(in) :: self
+    type(trajectory_type), intent(in) :: trajectory
+    integer, intent(in) :: kept
+    real(wp) :: shares(size(self%transformed))
+    integer :: first, i, row
+
+    first = size(trajectory%t) - kept + 1
+    do i = 1, size(shares)
+      row = trajectory%row_of(self%transformed(i))
+      shares(i) = aliased_share(trajectory%states(row, first:), &
+                                trajectory%states(row + 1, first:), trajectory%t(2))
+    end do
+  end function aliased_shares
+
+  !> Coordinates that swing faster than the last `kept` states tell.
+  function aliases(self, subject, trajectory, kept, shares) result(text)
     type(spectrum_job), intent(in) :: self
     type(subject_type), intent(in) :: subject
     type(trajectory_type), intent(in) :: trajectory
     integer, intent(in) :: kept
+    real(wp), intent(in) :: shares(:)
     character(len=:), allocatable :: text
-    real(wp) :: share, step
-    integer :: first, i, row
+    real(wp) :: step
+    integer :: i
 
     text = ''
-    first = size(trajectory%t) - kept + 1
     step = trajectory%t(2)
-    do i = 1, size(self%transformed)
-      row = trajectory%row_of(self%transformed(i))
-      share = aliased_share(trajectory%states(row, first:), trajectory%states(row + 1, first:), &
-                            step)
-      if (.not. is_aliased(share, kept)) cycle
+    do i = 1, size(shares)
+      if (.not. is_aliased(shares(i), kept)) cycle
       text = text//'; states '//show(step)//' apart are too far for the spectrum of ' &
              //trim(subject%coordinates(self%transformed(i)))//': by its velocity ' &
-             //show(nint(100.0_wp*min(share, 1.0_wp)))//' % of it swings at more than ' &
+             //show(nint(100.0_wp*min(shares(i), 1.0_wp)))//' % of it swings at more than ' &
              //show(pi/step)//' rad a unit of time, and stands at other frequencies'
     end do
   end function aliases
@@ -271,7 +288,7 @@ contains
 
     if (counting) call count_up(counted_columns, size(self%wanted))
     call table%note('method '//method//', step '//trim(exact(trajectory%h))//', ' &
-                    //trim(run_names(trajectory%outcome)))
+                    //trim(run_names(trajectory%outcome))//told_error(trajectory%error))
     call table%note(units_of(self, subject))
     call table%add_reals('t', trajectory%t)
     do i = 1, size(self%wanted)
@@ -331,11 +348,13 @@ contains
   end function units_of
 
   !> A row a frequency, of the last `kept` states.
-  subroutine put_spectrum(self, subject, trajectory, kept, sink, status)
+  subroutine put_spectrum(self, subject, trajectory, kept, shares, sink, status)
     type(spectrum_job), intent(in) :: self
     type(subject_type), intent(in) :: subject
     type(trajectory_type), intent(in) :: trajectory
     integer, intent(in) :: kept
+    !> As of `aliased_shares`.
+    real(wp), intent(in) :: shares(:)
     class(table_sink), intent(inout) :: sink
     type(status_type), intent(out) :: status
     type(table_type) :: table
@@ -350,6 +369,10 @@ contains
     allocate (spectrum(0:kept/2))
     call table%note('window '//trim(window_names(self%window))//'; omega in rad per unit of ' &
                     //'time, phases in rad at the first sample')
+    do i = 1, size(shares)
+      if (is_aliased(shares(i), kept)) call table%note('states are too far apart for ' &
+        //trim(subject%coordinates(self%transformed(i)))//': faster swings stand elsewhere')
+    end do
     call table%hold_reals('omega', [(2.0_wp*pi/(kept*step)*k, k=0, kept/2)])
     do i = 1, size(self%transformed)
       call amplitude_spectrum(trajectory%states(trajectory%row_of(self%transformed(i)), &

@@ -5,6 +5,7 @@ module viscovib_response_job
   use viscovib_forced_response, only: forced_response
   use viscovib_job, only: job_report, job_type, plan_unwanted, table_sink
   use viscovib_kinds, only: wp
+  use viscovib_motion_checks, only: errors_of, relative_motions
   use viscovib_outcomes, only: outcome_converged, outcome_names
   use viscovib_response, only: response_options, response_type
   use viscovib_response_plan, only: method_linear, new_response_plan, response_plan_type
@@ -60,7 +61,8 @@ contains
     type(response_type), target :: response
     type(table_type) :: table
     type(extra_columns) :: extra
-    real(wp), allocatable :: ones(:)
+    complex(wp), allocatable :: motions(:, :, :)
+    real(wp), allocatable :: errors(:), ones(:)
     integer :: found, short
 
     call new_response_plan(plan, subject%oscillator(), subject%load, self%nu, self%method, &
@@ -72,10 +74,15 @@ contains
     extra = self%extra
     call extra%find(subject, response%orders, response%nu, ones, response%highest, &
                     plan%method == method_linear, .true., response%coefficients)
+    allocate (errors(size(self%nu)))
+    allocate (motions, source=response%coefficients)
+    call relative_motions(subject%oscillator(), subject%load, response%orders, ones, motions)
+    call errors_of(subject%oscillator(), subject%load, response%orders, response%nu, &
+                   response%highest, plan%method == method_linear, motions, errors)
     call subject%show_motions(response%nu, ones, response%orders, &
                               self%wanted, .true., response%coefficients)
     call tabulate_response(response, subject%coordinates(self%wanted), &
-                           subject%units(self%wanted), table, extra)
+                           subject%units(self%wanted), table, errors, extra)
     call sink%put(this_kind(), table, status)
     short = count(pack(response%truncation, response%outcome == outcome_converged) &
                   > pack(response%allowed, response%outcome == outcome_converged))
@@ -120,11 +127,13 @@ contains
   end function gaps_of
 
   !> A row a frequency.
-  subroutine tabulate_response(response, coordinates, units, table, extra)
+  subroutine tabulate_response(response, coordinates, units, table, errors, extra)
     type(response_type), intent(in), target :: response
     !> Names and units, one a coordinate.
     character(len=*), intent(in) :: coordinates(:), units(:)
     type(table_type), intent(out) :: table
+    !> Of each motion as a solution of its equations.
+    real(wp), intent(in) :: errors(:)
     type(extra_columns), intent(in), optional :: extra
     character(len=:), allocatable :: names
     integer :: d, k
@@ -132,7 +141,8 @@ contains
     if (counting) call count_up(counted_columns, size(coordinates))
     call table%note('nu: circular frequency of the load (rad/s); rate: factor between the last ' &
                     //'corrections; highest: order kept; truncation: estimated relative error ' &
-                    //'of leaving out higher orders; u = Im sum_k X_k exp(i k nu t),')
+                    //'of leaving out higher orders; error: of the last correction and ' &
+                    //'rounding; u = Im sum_k X_k exp(i k nu t),')
     names = ''
     do d = 1, size(coordinates)
       names = names//trim(coordinates(d))//'_k_re, '//trim(coordinates(d))//'_k_im: X_k of ' &
@@ -145,6 +155,7 @@ contains
     call table%add_reals('rate', response%rate)
     call table%add_integers('highest', response%highest)
     call table%add_reals('truncation', response%truncation)
+    call table%hold_reals('error', errors)
     if (present(extra)) then
       call extra%tell(table)
       call extra%add(table)

@@ -1,5 +1,5 @@
-!> What tables tell of periodic motions besides their harmonics: what samples leave of error, and
-!! the energy that a motion loses in a period.
+!> What tables tell of periodic motions besides their harmonics: how far off they are as solutions
+!! of their equations, what samples leave of error, and the energy that a motion loses in a period.
 !!
 !! With the harmonics F_k of all forces and X_k of the motion relative to the base, the energy is
 !! E = pi sum_k k Im(F_k conj(X_k)): of dampers, laws of rates, sliders and memory; springs and
@@ -13,11 +13,12 @@ module viscovib_motion_checks
   use viscovib_kinds, only: wp
   use viscovib_load, only: load_type
   use viscovib_oscillator, only: oscillator_type
+  use viscovib_rounding_error, only: rounding_judge
   use viscovib_sampling_error, only: sampling_judge
   implicit none
   private
 
-  public :: sampling_of, losses_of, work_of, relative_motions
+  public :: errors_of, sampling_of, losses_of, work_of, relative_motions
 
 contains
 
@@ -43,6 +44,45 @@ contains
       end do
     end do
   end subroutine relative_motions
+
+  !> Relative errors of motions as solutions of their equations; NaN where they are not known.
+  subroutine errors_of(system, load, orders, nu, highest, linear, motions, errors)
+    class(oscillator_type), intent(in) :: system
+    type(load_type), intent(in) :: load
+    integer, intent(in) :: orders(:)
+    !> Frequency (rad/s), and highest order kept, of each motion.
+    real(wp), intent(in) :: nu(:)
+    integer, intent(in) :: highest(:)
+    !> Whether the motions are those of the forces linearized at rest.
+    logical, intent(in) :: linear
+    !> Relative to the base, shape (n_orders, n_dof, n).
+    complex(wp), intent(in) :: motions(:, :, :)
+    real(wp), intent(out) :: errors(:)
+    type(rounding_judge) :: judge
+    complex(wp), allocatable :: whole(:, :)
+    integer, allocatable :: kept(:)
+    integer :: i, k
+
+    errors = ieee_value(errors, ieee_quiet_nan)
+    ! Linear motions are those of the load's orders alone.
+    if (linear .and. all(mod(orders, 2) == 1)) then
+      allocate (kept, source=[(k, k=1, maxval(orders), 2)])
+    else if (linear) then
+      allocate (kept, source=[(k, k=0, maxval(orders))])
+    else
+      allocate (kept, source=orders)
+    end if
+    do i = 1, size(nu)
+      if (.not. is_known(motions(:, :, i), highest(i))) cycle
+      allocate (whole(count(kept <= highest(i)), size(motions, 2)), source=(0.0_wp, 0.0_wp))
+      do k = 1, count(orders <= highest(i))
+        whole(findloc(kept, orders(k), 1), :) = motions(k, :, i)
+      end do
+      call judge%error_of(system, load, nu(i), kept(1) > 0, linear, unknowns(whole), errors(i))
+      if (errors(i) < 0.0_wp) errors(i) = ieee_value(errors(i), ieee_quiet_nan)
+      deallocate (whole)
+    end do
+  end subroutine errors_of
 
   !> Relative errors by the samples of forces; NaN where they are not known.
   subroutine sampling_of(system, load, orders, nu, factor, highest, motions, errors)

@@ -55,6 +55,11 @@ contains
     error = 0.0_wp
     norm = weighted_norm(system, x)
     if (.not. norm > 0.0_wp) return
+    if (.not. half_wave) then
+      ! A mean needs the integral of every kernel.
+      if (system%kernel_without_integral() /= 0) error = -1.0_wp
+      if (error < 0.0_wp) return
+    end if
     highest = merge(size(x, 1) - 1, size(x, 1)/2 - 1, half_wave)
     if (highest /= self%highest .or. (half_wave .neqv. self%half_wave)) then
       call new_harmonic_set(set, highest, half_wave, system%degree)

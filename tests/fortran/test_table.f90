@@ -1,5 +1,6 @@
 !> Tables: written whole or not at all.
 module test_table
+  use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
   use test_scene_files, only: read_scratch, remove_scratch, scratch, write_scratch
   use testing, only: begin, check, check_fails, check_ok
   use viscovib_files, only: make_folder, remove_file
@@ -29,19 +30,20 @@ contains
     call response%allocate_for([0.1_wp, 2.0_wp], [1, 3], 2, 0)
     response%coefficients(2, 1, 1) = (1.0_wp, -0.3_wp)
     call response%discard(2, outcome_diverged)
-    call tabulate_response(response, ['x  ', 'phi'], ['m  ', 'rad'], table)
+    call tabulate_response(response, ['x  ', 'phi'], ['m  ', 'rad'], table, &
+                           [1.0e-15_wp, ieee_value(1.0_wp, ieee_quiet_nan)])
 
     if (begin('a table, its folder made')) then
       call table%write(scratch('table/a'), 't.csv', 'first'//nl//'second', status)
       call check_ok(status)
       text = read_scratch('table/a/t.csv')
       call check(index(text, '# first'//nl//'# second'//nl//'# nu: ') == 1, 'header')
-      call check(index(text, nl//'nu,outcome,iterations,rate,highest,truncation,x_1_re,' &
+      call check(index(text, nl//'nu,outcome,iterations,rate,highest,truncation,error,x_1_re,' &
                        //'x_1_im,x_3_re,x_3_im,phi_1_re,') > 0, 'columns')
       call check(index(text, nl//'1.0000000000000001e-01,converged,0,') > 0, 'digits')
       call check(index(text, ',1.0000000000000000e+00,-2.9999999999999999e-01,') > 0, 'values')
       call check(index(text, nl//'2.0000000000000000e+00,diverged,0,0.0000000000000000e+00,0' &
-                       //repeat(',nan', 9)//nl) > 0, 'no solution is nan')
+                       //repeat(',nan', 10)//nl) > 0, 'no solution is nan')
       call check(read_scratch('table/a/t.csv.part') == '(none)', 'nothing left beside it')
     end if
 

@@ -18,7 +18,7 @@ _PENDULUM = "system = vv.Pendulum(e=0.1, w2=0.4, w3=0.8, alpha=0.5, c1={c}, c2={
 #: What is made, and pairs of a column of the table and what it should hold.
 _KINDS = (
     (_DUFFING, 'r = vv.forced_response(system, np.linspace(0.5, 1.5, 9), load={p}, method="newton", stability=True)',
-     {"nu": "r.nu", "x_1_re": "r.coefficient('x', 1).real", "x_3_im": "r.coefficient('x', 3).imag", "truncation": "r.truncation"},
+     {"nu": "r.nu", "x_1_re": "r.coefficient('x', 1).real", "x_3_im": "r.coefficient('x', 3).imag", "truncation": "r.truncation", "error": "r.error"},
      {"amplitude": "abs(r.coefficients)", "nu": "r.nu", "highest": "r.highest"}),
     (_DUFFING, "r = vv.trace_response(system, (0.5, 1.5), load={p}, harmonics=7)",
      {"nu": "r.nu", "x_1_re": "r.coefficients[:, 0, 0].real", "growing": "r.growing", "multiplier": "abs(r.multipliers[:, 0])"},

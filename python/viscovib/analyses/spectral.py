@@ -121,7 +121,11 @@ class Spectrum(Result):
         table = Table(
             [
                 f"window {self.window}; omega in rad per unit of time, phases in rad at the first "
-                "sample"
+                "sample",
+                *(
+                    f"states are too far apart for {name}: faster swings stand elsewhere"
+                    for name in self.aliased
+                ),
             ],
             {"omega": self.omega},
         )

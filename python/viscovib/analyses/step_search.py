@@ -161,10 +161,10 @@ def by_tolerance(
                 factor = _seeing(fine, factor, n, want)
                 before, coarse, held = ends_before, make(factor, parts), parts
                 continue
-            # Where it stops is found by the same small steps every time.
-            change = max(change, LOCATED * max(1.0, fine.t_reached))
             if dense:
                 ends, change = _with_more_states(make, ends, factor, change, want)
+            # Where it stops is found by the same small steps every time.
+            change = max(change, LOCATED * max(1.0, ends.t_reached))
             return _found(ends, change, partial(_plan_of, first, want))
         changes.append(change)
         outrun = _outrun(coarse, fine)

@@ -502,7 +502,8 @@ class Response(PeriodicMotions, Result):
             [
                 "nu: circular frequency of the load (rad/s); rate: factor between the last "
                 "corrections; highest: order kept; truncation: estimated relative error of leaving "
-                "out higher orders; u = Im sum_k X_k exp(i k nu t),",
+                "out higher orders; error: of the last correction and rounding; "
+                "u = Im sum_k X_k exp(i k nu t),",
                 f"{about}nan where no solution was found",
             ],
             {
@@ -512,6 +513,7 @@ class Response(PeriodicMotions, Result):
                 "rate": self.rate,
                 "highest": self.highest,
                 "truncation": self.truncation,
+                "error": self.error,
             },
         )
         add_asked(table, self)

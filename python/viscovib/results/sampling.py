@@ -42,9 +42,10 @@ def rounding_errors(
     kept = result.harmonics
     if linear:
         # Those of the load alone, of any order.
-        kept = np.arange(kept.max() + 1, dtype=np.intc)
+        odd = (kept % 2 == 1).all()
+        kept = np.arange(1 if odd else 0, kept.max() + 1, 2 if odd else 1, dtype=np.intc)
         whole = np.zeros((*y.shape[:2], kept.size), dtype=complex)
-        whole[..., result.harmonics] = y
+        whole[..., np.searchsorted(kept, result.harmonics)] = y
         y = whole
     used = np.searchsorted(kept, result.highest, side="right").astype(np.intc)
     used[~np.isfinite(y).all(axis=(1, 2)) | (result.highest <= 0)] = 0

@@ -399,8 +399,9 @@ class Trajectory(Result):
         return xr.Dataset(variables, coords=coordinates, attrs=attributes)
 
     def _table(self, coordinates: Sequence[str] | None) -> Table:
+        sure = "" if self.error is None else f", estimated error {self.error:.16e}"
         table = Table(
-            [f"method {self.method}, step {self.step:.16e}, {self.outcome}"], {"t": self.t}
+            [f"method {self.method}, step {self.step:.16e}, {self.outcome}{sure}"], {"t": self.t}
         )
         wanted = wanted_places(coordinates, self.dof_names)
         names = [self.dof_names[d] for d in wanted]
