@@ -33,7 +33,7 @@ module viscovib_polynomial_motion
 
   type, extends(driven_system_type) :: polynomial_motion_type
     type(monomial_type), allocatable, private :: monomials(:)
-    type(switched_laws), private :: laws
+    type(switched_laws) :: laws
     !> M^(-1), M^(-1) K and M^(-1) C, shape (n_dof, n_dof), and an upper bound of the rates that
     !! these have at rest.
     real(wp), allocatable, private :: inverse(:, :), stiffness(:, :), damping(:, :)

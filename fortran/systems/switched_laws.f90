@@ -25,7 +25,7 @@ module viscovib_switched_laws
   implicit none
   private
 
-  public :: switched_laws, new_switched_laws
+  public :: switched_laws, new_switched_laws, slide_directions
 
   !> The other value of a law that slides: which law, and its program on the other side.
   type :: other_side

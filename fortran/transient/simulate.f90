@@ -6,6 +6,7 @@ module viscovib_simulate
   use viscovib_lanes, only: n_lanes
   use viscovib_layer_watch, only: layer_watch
   use viscovib_mesh, only: equal_steps, mesh_type
+  use viscovib_motion_beside, only: motion_beside
   use viscovib_run_history, only: run_history
   use viscovib_small_steps, only: note_small_steps
   use viscovib_stepper, only: stepper_type
@@ -32,7 +33,7 @@ contains
   !> Make steps first+1 ... first+n_steps, keeping every save_every-th state and
   !! those at wanted times. Underflow is abrupt meanwhile.
   subroutine simulate(method, system, first, n_steps, save_every, times, states, at_times, n_done, &
-                      n_reached, t_reached, outcome, mesh, watch)
+                      n_reached, t_reached, outcome, mesh, watch, beside)
     class(stepper_type), intent(inout) :: method
     class(driven_system_type), intent(inout) :: system
     integer(i8), intent(in) :: first, n_steps, save_every
@@ -52,6 +53,8 @@ contains
     type(mesh_type), intent(in), optional :: mesh
     !> Events to look for.
     type(watch_type), intent(inout), optional :: watch
+    !> What small disturbances become, by a collocation.
+    type(motion_beside), intent(inout), optional :: beside
     type(watch_type) :: before
     real(wp) :: memory(method%memory_size()), h
     logical :: missed
@@ -62,19 +65,19 @@ contains
       if (present(watch)) before = watch
     end if
     call run_through(method, system, first, n_steps, save_every, times, states, at_times, n_done, &
-                     n_reached, t_reached, outcome, missed, mesh, watch)
+                     n_reached, t_reached, outcome, missed, mesh, watch, beside)
     if (.not. missed) return
     system%in_parts = .true.
     call method%load_memory(memory)
     call method%change_step(system, h)
     if (present(watch)) watch = before
     call run_through(method, system, first, n_steps, save_every, times, states, at_times, n_done, &
-                     n_reached, t_reached, outcome, missed, mesh, watch)
+                     n_reached, t_reached, outcome, missed, mesh, watch, beside)
   end subroutine simulate
 
   !> The same, but given up where whole steps may have missed a thin layer of a force.
   subroutine run_through(method, system, first, n_steps, save_every, times, states, at_times, &
-                         n_done, n_reached, t_reached, outcome, missed, mesh, watch)
+                         n_done, n_reached, t_reached, outcome, missed, mesh, watch, beside)
     class(stepper_type), intent(inout) :: method
     class(driven_system_type), intent(inout) :: system
     integer(i8), intent(in) :: first, n_steps, save_every
@@ -87,6 +90,7 @@ contains
     logical, intent(out) :: missed
     type(mesh_type), intent(in), optional :: mesh
     type(watch_type), intent(inout), optional :: watch
+    type(motion_beside), intent(inout), optional :: beside
     type(mesh_type) :: ends
     type(wanted_states) :: wanted
     type(watched_step_type) :: at
@@ -112,14 +116,8 @@ contains
     if (ends%is_broken()) call enter_piece(method, system, ends, piece, now, turns, speed)
     if (.not. present(watch)) call new_watch(unwatched, [real(wp) ::])
     system%step_length = method%h
-    if (allocated(system%sides)) then
-      at%sides = system%sides
-      at%fresh = system%fresh
-    else
-      call system%settle(method%q, method%v)
-      at%sides = sides_of(system, now, method%q, method%v)
-      at%fresh = spread(.false., 1, size(at%sides))
-    end if
+    call find_sides(at, method, system, now)
+    if (present(beside)) at%beside = beside
     call begin_graded(at, system, method%q, method%v, ends%begins(piece, first))
     if (turns) call turn(method, system, now, speed, at%sides)
     call layers%begin(system, now, method%q, method%v)
@@ -139,7 +137,7 @@ contains
       at%until = ends%time(piece, first + i)
       if (present(watch)) then
         call make_parts(method, system, at, past, wanted, watch, ends, piece, t_reached, outcome)
-      else if (allocated(system%signals) .or. system%in_parts) then
+      else if (allocated(system%signals) .or. system%in_parts .or. present(beside)) then
         call make_parts(method, system, at, past, wanted, unwatched, ends, piece, t_reached, &
                         outcome)
       else
@@ -170,6 +168,7 @@ contains
       system%fresh = at%fresh
     end if
     system%grade = at%grade
+    if (present(beside)) beside = at%beside
     n_reached = wanted%n_reached
     at_times(:, :n_reached) = wanted%states(:size(at_times, 1), :n_reached)
   end subroutine run_through
@@ -188,6 +187,23 @@ contains
     state(1::2) = q(:size(state)/2)
     state(2::2) = v(:size(state)/2)
   end subroutine keep
+
+  !> On which sides of surfaces the motion is: as an earlier run has left it, or by its state.
+  subroutine find_sides(at, method, system, now)
+    type(watched_step_type), intent(inout) :: at
+    class(stepper_type), intent(in) :: method
+    class(driven_system_type), intent(inout) :: system
+    real(wp), intent(in) :: now
+
+    if (allocated(system%sides)) then
+      at%sides = system%sides
+      at%fresh = system%fresh
+      return
+    end if
+    call system%settle(method%q, method%v)
+    at%sides = sides_of(system, now, method%q, method%v)
+    at%fresh = spread(.false., 1, size(at%sides))
+  end subroutine find_sides
 
   !> One step of equations without surfaces.
   subroutine make_step(method, system, at, past, wanted, unwatched, t_reached, outcome)
@@ -291,6 +307,7 @@ contains
       if (at%n_passed > 0) call past%forget()
       if (.not. at%made .or. at%near_edge) then
         call system%take_sides(0*at%sides)
+        if (allocated(at%beside)) at%beside%known = .false.
         call judge_step(method, system, at, past, wanted, n_before, watch, t_reached, outcome)
         call system%take_sides(at%sides)
         if (outcome /= run_completed) return

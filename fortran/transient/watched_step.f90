@@ -12,6 +12,7 @@ module viscovib_watched_step
   use viscovib_event_search, only: first_passage, signal_along
   use viscovib_kinds, only: wp
   use viscovib_law_branches, only: slides, watched_function
+  use viscovib_motion_beside, only: motion_beside
   use viscovib_part_lengths, only: look_for_layers, look_for_stiff
   use viscovib_step_path, only: step_path
   use viscovib_passage_time, only: settle_thin
@@ -74,6 +75,8 @@ module viscovib_watched_step
     real(wp) :: grade = 0.0_wp
     real(wp), allocatable :: memory(:)
     type(step_path) :: path
+    !> What small disturbances become; not allocated: nobody asks.
+    type(motion_beside), allocatable :: beside
   end type watched_step_type
 
 contains
@@ -166,6 +169,7 @@ contains
       call method%step(system, at%made)
       if (.not. at%made) return
     end if
+    if (allocated(at%beside)) call at%beside%follow(system, at%path)
     if (wanted%within(at%from, method%h)) call keep_before(at, method, system, wanted)
     call note_events(at, method, system, watch, any(at%sides == slides))
     at%fresh = .false.
@@ -327,6 +331,7 @@ contains
       call method%step(system, at%made)
       if (.not. at%made) return
       call trace(at, method, system)
+      if (allocated(at%beside)) call at%beside%follow(system, at%path)
       call note_events(at, method, system, watch, .true.)
       if (at%ended) return
       at%from = at%from + length
@@ -348,7 +353,9 @@ contains
     integer, intent(in) :: which
     real(wp) :: v(size(method%v))
     v = method%v
+    if (allocated(at%beside)) call at%beside%arrive(system, which, at%sides(which), at%from, method%q, v)
     call system%meet(which, at%from, method%q, v, at%sides, at%fresh)
+    if (allocated(at%beside)) call at%beside%depart(system, at%from, method%q, v)
     if (any(abs(v - method%v) > 0.0_wp)) call method%put(method%q, v)
   end subroutine meet
 

@@ -20,6 +20,7 @@ _NAMES = {
     "analyses.lines": "Lines amplitudes_at dominant_frequencies",
     "analyses.multiple_scales": "MultipleScales",
     "analyses.periodic": "backbone trace_response",
+    "analyses.shooting": "steady_motion",
     "analyses.spectral": "Spectrum name_frequencies spectrum",
     "analyses.transient": "simulate",
     "bodies.body": "Body",
@@ -54,6 +55,7 @@ _NAMES = {
     "results.response": "Peak Response",
     "results.modulation": "Modulation Resonance",
     "results.scales": "ScalesMotion ScalesResponse",
+    "results.steady_motion": "SteadyMotion",
     "results.trajectory": "Trajectory",
     "rubber.amplitude_fit": "AmplitudeFit ProgressiveLaw fit_amplitude fit_progressive "
     "jenkins_stiffness",
@@ -119,6 +121,7 @@ if TYPE_CHECKING:
         backbone as backbone,
         trace_response as trace_response,
     )
+    from viscovib.analyses.shooting import steady_motion as steady_motion
     from viscovib.analyses.spectral import (
         Spectrum as Spectrum,
         name_frequencies as name_frequencies,
@@ -213,6 +216,7 @@ if TYPE_CHECKING:
         ScalesMotion as ScalesMotion,
         ScalesResponse as ScalesResponse,
     )
+    from viscovib.results.steady_motion import SteadyMotion as SteadyMotion
     from viscovib.results.trajectory import Trajectory as Trajectory
     from viscovib.rubber.amplitude_fit import (
         AmplitudeFit as AmplitudeFit,

@@ -11,7 +11,7 @@ HERE = Path(__file__).parent
 FAMILIES = (
     "kernels", "rubber", "fits", "systems", "bodies", "laws", "hysteresis", "linear", "roots", "responses",
     "peaks", "branches", "crossings",
-    "stability", "backbones", "steady", "motions", "switched", "singular", "element_motions", "events", "ensembles", "spectra", "scales",
+    "stability", "backbones", "steady", "repeating", "motions", "switched", "singular", "element_motions", "events", "ensembles", "spectra", "scales",
     "scenes",
     "invariances", "structure_motions", "structure_stability", "structures", "sweeps", "tables",
 )  # fmt: skip
@@ -24,6 +24,10 @@ NOTHING_TO_JUDGE = {
     "MountForces.lost_in_turning": "tests/python/test_body.py: the balance of power of bodies",
     "Response.error": "tests/python/test_light_damping.py: the same balance in 40 digits",
     "user_elements": "tests/python/test_user_elements.py: SciPy from yield to turn",
+    "SteadyMotion.dof_names": "names, as the system has them",
+    "SteadyMotion.dof_units": "units, as the system names them",
+    "SteadyMotion.coordinate": "a column of `state`, which repeating judges",
+    "SteadyMotion.to_dataset": "its own arrays, which test_steady_motion compares",
     "Trajectory.dof_units": "units, as the system names them",
     "Trajectory.rate_units": "units, as the system names them",
     "Trajectory.reason": "tests/python/test_law_ends.py: the edge of each law, by SciPy",

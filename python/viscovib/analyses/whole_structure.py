@@ -56,17 +56,13 @@ def goes_whole(
     """Whether a structure is small, has laws with kinks or states, and fades by exponentials."""
     if not isinstance(system, Structure) or not switches(system):
         return False
-    told, n = None, len(system.dof_names)
+    told, n = _lacks_wholeness(system), len(system.dof_names)
     sections = n > MAX_DOF or bool(system._all_kernels)
     methods = ("auto", *(IN_SECTIONS if sections else METHODS))
     if system._all_kernels:
         methods = ("auto", *REMEMBERING)
-    if n > MAX_SECTIONS:
-        told = f"is for structures of at most {MAX_SECTIONS} coordinates, has {n}"
-    elif system._reduced is not None:
-        told = "is for structures that are not reduced"
-    elif not _all_has_mass(system):
-        told = "is for structures all of whose coordinates have mass"
+    if told is not None:
+        pass
     elif not (isinstance(method, str) and method in methods):
         told = f"has the methods {', '.join(methods)}, got method = {shown(method)}"
     elif not (isinstance(memory, str) and memory in AS_COORDINATES):
@@ -83,6 +79,28 @@ def goes_whole(
     if any(element.law is not None and element.law.state for element in system._all_elements):
         raise InputError(f"elements: a motion in time with hysteresis or restitution {told}")
     return False
+
+
+def _lacks_wholeness(system: Structure) -> str | None:
+    """Say what keeps a structure from going by its whole equations; None: nothing."""
+    n = len(system.dof_names)
+    if n > MAX_SECTIONS:
+        return f"is for structures of at most {MAX_SECTIONS} coordinates, has {n}"
+    if system._reduced is not None:
+        return "is for structures that are not reduced"
+    if not _all_has_mass(system):
+        return "is for structures all of whose coordinates have mass"
+    return None
+
+
+def check_whole(system: Structure) -> None:
+    """Refuse a structure that does not go by its whole equations, in a motion that repeats."""
+    told = _lacks_wholeness(system) or _lacks_exponentials(system)
+    if told is None and any(one.law is not None and one.law.state and one.law.text != "restitution"
+                            for one in system._all_elements):  # fmt: skip
+        told = "takes no elements that know what was (see forced_response)"
+    if told is not None:
+        raise InputError(f"system: a steady motion in time {told}")
 
 
 @once_each

@@ -1,0 +1,287 @@
+"""Motions that repeat with their load, found in time: shooting with located switches."""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from viscovib import _native
+from viscovib._native import ComplexArray, FloatArray
+from viscovib.analyses.accuracy import Accuracy
+from viscovib.analyses.period_map import Found, PeriodMap
+from viscovib.analyses.runs import starting_state
+from viscovib.analyses.whole_structure import check_outside
+from viscovib.common.counts import things
+from viscovib.errors import ConvergenceWarning, caller
+from viscovib.results.steady_motion import SteadyMotion
+from viscovib.systems.load import LoadLike
+from viscovib.systems.polynomial_system import PolynomialSystem
+from viscovib.systems.structure import Structure
+
+_EPS = float(np.finfo(float).eps)
+#: What rounding leaves of a state at the end of a period, as a part of the largest.
+_LEFT = 8.0
+#: Periods from rest, before Newton's method begins and where it has failed.
+_SETTLING = (30, 100, 400)
+#: Doublings of the number of steps, and how many may fail before it is given up.
+_DOUBLINGS, _FAILURES = 12, 3
+#: Multipliers as large as this part of the largest decide with it.
+_LEADING = 0.9
+_MOST_PERIODS = 64
+
+
+class Refined(NamedTuple):
+    """A start that comes back, in steps that are short enough."""
+
+    found: Found
+    steps: int
+    error: float
+    multipliers: ComplexArray
+    multiplier_error: float
+    iterations: int
+
+    @property
+    def stable(self) -> bool | None:
+        """Whether disturbances fade; None: too near to say."""
+        if self.found.outcome != "converged" or not self.multipliers.size:
+            return None
+        largest = float(np.abs(self.multipliers[0]))
+        return None if abs(largest - 1) <= self.multiplier_error else largest < 1
+
+
+def steady_motion(
+    system: PolynomialSystem | Structure,
+    nu: float,
+    *,
+    load: LoadLike | None = None,
+    initial: npt.ArrayLike | SteadyMotion | None = None,
+    n_periods: int = 1,
+    method: str = "auto",
+    tolerance: float | None = None,
+    rtol: float | None = None,
+    atol: float | None = None,
+) -> SteadyMotion:
+    """Find a motion that repeats with its load, in time: where laws switch, steps end.
+
+    Shooting: Newton's method for the state that comes back after so many periods of the load.
+    Nothing is expanded in harmonics, so that a gap, an impact or dry friction that sticks is as
+    exact as a smooth law. What small disturbances become is known with the motion, across switches
+    too, and with it its Floquet multipliers.
+
+    Parameters
+    ----------
+    system : PolynomialSystem or Structure
+        Of at most 64 coordinates; with memory, if its kernels are sums of exponentials; without
+        elements that have a state (`Jenkins`, `Iwan`, `BoucWen`, `Dahl`: see `forced_response`).
+    nu : float
+        Circular frequency of the load (rad/s).
+    load
+        As for `simulate`.
+    initial : array_like, shape (2 n_dof,), or SteadyMotion
+        State at t = 0 to begin with: each coordinate with its velocity. Of several motions that
+        repeat, stable or not, a near one is found. None: where the motion from rest is after 30
+        periods, or later if that leads nowhere.
+    n_periods : int
+        Periods of the load after which the motion repeats, 1 to 64: 2 for one whose period has
+        doubled.
+    method : {"auto", "gauss8", "gauss16"}
+        As for `simulate`; "auto" is "gauss8". "gauss16" of at most 6 coordinates without memory.
+    tolerance : float
+        Wanted absolute error of the state at t = 0, velocities divided by ``nu``, 1e-13 to 1
+        (default 1e-10): steps are halved until the state that comes back changes no more.
+    rtol, atol : float
+        Instead: atol + rtol times the largest of them.
+
+    Returns
+    -------
+    SteadyMotion
+
+    Warns
+    -----
+    ConvergenceWarning
+        If nothing was found, or not as exactly as wanted.
+
+    Notes
+    -----
+    With the map P of a state over the time of the motion Newton's steps are (1 - P')^-1 (P(y) - y);
+    P' is the derivative of the collocation, times the jump of disturbances at each switch (Aizerman
+    and Gantmakher 1958; see `SteadyMotion.multipliers`). A contact that only grazes has a square
+    root there: Newton's method is slow beside it, and what is beyond may be another motion.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import viscovib as vv
+    >>> friction = vv.PolynomialSystem(mass=1, stiffness=1, forces="0.2*sign(x_dot)")
+    >>> motion = vv.steady_motion(friction, 0.5, load=1.0)
+    >>> motion.stable, bool(np.abs(motion.multipliers).max() < 1e-9)  # it sticks on the way
+    (True, True)
+    """
+    periods = _native.integer("n_periods", n_periods, 1, _MOST_PERIODS)
+    wanted = Accuracy.checked(tolerance, rtol, atol, 1e-10)
+    assert wanted is not None
+    mapping = PeriodMap.checked(system, load, nu, periods, method)
+    if initial is None:
+        found = _from_rest(mapping, wanted)
+    else:
+        found = refine(mapping, start_at(system, mapping, initial), wanted)
+    motion = motion_of(system, mapping, found)
+    if motion.outcome != "converged":
+        warnings.warn(
+            f"steady_motion: {motion.outcome}: no motion was found that repeats after "
+            f"{things(periods, 'period')} (the last try is {found.found.correction:.1e} off); give "
+            "a nearer initial state, or another n_periods",
+            ConvergenceWarning,
+            stacklevel=caller(),
+        )
+    elif motion.error > allowed_of(wanted, mapping, found.found.state):
+        warnings.warn(
+            f"steady_motion: the error {motion.error:.1e} is above {wanted}: rounding is enlarged "
+            f"{found.found.enlarged:.1e} times in the motion that repeats",
+            ConvergenceWarning,
+            stacklevel=caller(),
+        )
+    return motion
+
+
+def start_at(
+    system: PolynomialSystem | Structure,
+    mapping: PeriodMap,
+    initial: npt.ArrayLike | SteadyMotion,
+) -> FloatArray:
+    """Return the state to begin with; what is remembered is 0 unless it is known."""
+    remembered = np.zeros(mapping.hidden)
+    if isinstance(initial, SteadyMotion):
+        if initial.remembered.size == remembered.size:
+            remembered = initial.remembered
+        initial = initial.state[0]
+    state = starting_state(initial, mapping.n_dof, system.dof_names)
+    if isinstance(system, Structure):
+        check_outside(system, state)
+    return np.concatenate([state, remembered])
+
+
+def _from_rest(mapping: PeriodMap, wanted: Accuracy) -> Refined:
+    """Let the motion from rest settle before Newton's method."""
+    state = np.zeros(mapping.size)
+    one = replace(mapping, n_periods=1)
+    found = None
+    for periods in _SETTLING:
+        for _ in range(periods):
+            ran = one.run(state, one.first_steps)
+            if ran.outcome not in ("completed", "grazing"):
+                break
+            state = ran.last
+        found = refine(mapping, state, wanted)
+        if found.found.outcome == "converged":
+            break
+    assert found is not None
+    return found
+
+
+def allowed_of(wanted: Accuracy, mapping: PeriodMap, state: FloatArray) -> float:
+    """Error allowed, as `weights` measure states."""
+    size = float(np.abs(mapping.weights * state).max(initial=0.0))
+    return wanted.absolute + wanted.relative * size
+
+
+def refine(mapping: PeriodMap, start: FloatArray, wanted: Accuracy, steps: int = 0) -> Refined:
+    """Double the steps until the state that comes back changes by no more than is wanted.
+
+    The last two runs differ by one step, so that no place of a switch in its step is common to
+    both. What these differ by is taken for the error.
+    """
+    steps = steps or mapping.first_steps
+    latest: Found | None = None
+    failures = iterations = 0
+    for _ in range(_DOUBLINGS):
+        begin = start if latest is None else latest.state
+        tolerance = allowed_of(wanted, mapping, begin)
+        found = mapping.solve(begin, steps, tolerance)
+        iterations += found.iterations
+        if found.outcome != "converged":
+            failures += 1
+            if failures >= _FAILURES:
+                return _judged(mapping, found, None, steps, iterations)
+            steps *= 2
+            continue
+        tolerance = max(allowed_of(wanted, mapping, found.state), _rounding(mapping, found))
+        if latest is not None and _apart(mapping, latest, found) <= tolerance:
+            other = mapping.solve(found.state, steps + 1, tolerance)
+            iterations += other.iterations
+            if other.outcome == "converged" and _apart(mapping, found, other) <= tolerance:
+                return _judged(mapping, other, found, steps + 1, iterations)
+        latest = found
+        steps *= 2
+    return _judged(mapping, found._replace(outcome="stalled"), None, steps // 2, iterations)
+
+
+def _apart(mapping: PeriodMap, one: Found, other: Found) -> float:
+    return float(np.abs(mapping.weights * (one.state - other.state)).max())
+
+
+def _rounding(mapping: PeriodMap, found: Found) -> float:
+    """What rounding on the way leaves of the state that comes back."""
+    size = float(np.abs(mapping.weights * found.state).max(initial=0.0))
+    return _LEFT * _EPS * size * max(1.0, found.enlarged)
+
+
+def _judged(
+    mapping: PeriodMap, found: Found, other: Found | None, steps: int, iterations: int
+) -> Refined:
+    """Errors of what was found, by another run."""
+    multipliers = mapping.multipliers(found.by_start)
+    if other is None:
+        return Refined(found, steps, float("nan"), multipliers, float("nan"), iterations)
+    error = _apart(mapping, found, other) + found.correction * _EPS + _rounding(mapping, found)
+    return Refined(
+        found, steps, error, multipliers, _multiplier_error(found, other, mapping), iterations
+    )
+
+
+def _multiplier_error(found: Found, other: Found, mapping: PeriodMap) -> float:
+    """Of the multipliers that decide: what the other run changes, and rounding.
+
+    An eigenvalue moves with its matrix by its condition, |left| |right| of its eigenvectors.
+    """
+    weights = mapping.weights
+    balanced = weights[:, None] * found.by_start / weights
+    change = weights[:, None] * (found.by_start - other.by_start) / weights
+    values, right = np.linalg.eig(balanced)
+    left = np.linalg.pinv(right)
+    conditions = np.linalg.norm(left, axis=1) * np.linalg.norm(right, axis=0)
+    leading = np.abs(values) >= _LEADING * np.abs(values).max(initial=0.0)
+    moved = float(np.linalg.norm(change)) + _LEFT * _EPS * float(np.linalg.norm(balanced))
+    return float(conditions[leading].max(initial=1.0)) * moved
+
+
+def motion_of(
+    system: PolynomialSystem | Structure, mapping: PeriodMap, found: Refined
+) -> SteadyMotion:
+    """Make the result, with the motion over one period."""
+    ran = mapping.run(found.found.state, found.steps, kept=True)
+    n = 2 * mapping.n_dof
+    states = np.concatenate([found.found.state[np.newaxis, :n], ran.states[:, :n]])
+    step = mapping.period / found.steps
+    return SteadyMotion(
+        nu=mapping.nu,
+        n_periods=mapping.n_periods,
+        t=np.multiply(step, np.arange(found.steps + 1), dtype=float),
+        state=states,
+        remembered=found.found.state[n:].copy(),
+        multipliers=found.multipliers,
+        stable=found.stable,
+        error=found.error,
+        multiplier_error=found.multiplier_error,
+        outcome=found.found.outcome,
+        iterations=found.iterations,
+        passages=found.found.passed,
+        step=step,
+        method=mapping.method,
+        system=system,
+        _map=mapping,
+    )

@@ -1,0 +1,209 @@
+"""A motion that repeats, found in time."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import numpy.typing as npt
+
+from viscovib import _native
+from viscovib._native import ComplexArray, FloatArray
+from viscovib.common.counts import things
+from viscovib.common.results import Number, Panel, Result, named
+from viscovib.errors import InputError
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+#: Corrections of the place of an extremum.
+_MOST_TURNS = 60
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class SteadyMotion(Result):
+    """A motion that repeats after ``n_periods`` periods of its load, by `steady_motion`.
+
+    Attributes
+    ----------
+    nu : float
+        Circular frequency of the load (rad/s).
+    n_periods : int
+        After so many of its periods the motion repeats.
+    t, state : ndarray, shapes (n,) and (n, 2 n_dof)
+        States at the ends of steps over one period: each coordinate and its velocity. ``state[0]``
+        is the one at t = 0, as `simulate` takes it for ``initial``. ``motion(t)`` gives states at
+        any other times.
+    remembered : ndarray, shape (n_hidden,)
+        With memory by exponentials: the rates at t = 0 of what is remembered.
+    multipliers : complex ndarray, shape (m,)
+        Floquet multipliers, the largest first: what small disturbances are multiplied with in a
+        period of the motion. Friction that sticks on the way, or rest against a stop, forgets:
+        multipliers that are 0 but for rounding.
+    stable : bool or None
+        Whether all are inside the unit circle; None where the largest is too near to it for
+        ``multiplier_error``.
+    error : float
+        Estimated largest error of ``state[0]``, velocities divided by ``nu``: what other steps
+        change, the last correction, and rounding, which is enlarged beside folds.
+    multiplier_error : float
+        The same of the multipliers.
+    outcome : str
+        "converged"; "stalled": Newton's method gets no further, or steps become too many;
+        "diverged": the motion escapes. What is not converged is the last try.
+    iterations : int
+        Of Newton's method, all told.
+    passages : int
+        How often laws switch on the way.
+    step : float
+        Step of the method.
+
+    Examples
+    --------
+    >>> import viscovib as vv
+    >>> stop = vv.PolynomialSystem(mass=1, stiffness=1, damping=0.2, forces="20*max(x - 0.5, 0)")
+    >>> motion = vv.steady_motion(stop, 0.9, load=0.3)
+    >>> motion.outcome, motion.stable, motion.passages
+    ('converged', True, 2)
+    """
+
+    nu: float
+    n_periods: int
+    t: FloatArray
+    state: FloatArray
+    remembered: FloatArray
+    multipliers: ComplexArray
+    stable: bool | None
+    error: float
+    multiplier_error: float
+    outcome: str
+    iterations: int
+    passages: int
+    step: float
+    method: str
+    system: Any
+    _map: Any = field(repr=False)
+
+    kind = "steady_motion"
+
+    @property
+    def complete(self) -> bool:  # type: ignore[override]
+        """Whether it was found."""
+        return self.outcome == "converged"
+
+    @property
+    def period(self) -> float:
+        """Of the motion: ``n_periods`` of the load."""
+        return float(self._map.period)
+
+    @property
+    def dof_names(self) -> tuple[str, ...]:
+        """Names of the coordinates."""
+        return tuple(self.system.dof_names)
+
+    @property
+    def dof_units(self) -> tuple[str, ...]:
+        """Their units."""
+        return tuple(self.system.dof_units)
+
+    def __call__(self, t: npt.ArrayLike) -> FloatArray:
+        """States at any times, shape (2 n_dof,) or (n, 2 n_dof), by steps that lead there."""
+        times = _native.real_array("t", t)
+        phases = np.mod(times.ravel(), self.period)
+        # A remainder may round up to the whole.
+        phases = np.where(phases >= self.period, 0.0, phases)
+        wanted, back = np.unique(phases, return_inverse=True)
+        start = np.concatenate([self.state[0], self.remembered])
+        states = self._map.run(start, self.t.size - 1, times=wanted).at_times
+        if states.shape[0] < wanted.size:
+            raise InputError("t: the motion does not reach these times")
+        return np.asarray(states[back].reshape(*times.shape, self.state.shape[1]))
+
+    def coordinate(self, name: str) -> FloatArray:
+        """Displacement of a coordinate at the times ``t``, shape (n,)."""
+        return self.state[:, 2 * self._place(name)]
+
+    def _place(self, name: str) -> int:
+        return self.dof_names.index(_native.choice("name", name, self.dof_names))
+
+    def extremes(self, name: str) -> tuple[float, float]:
+        """Smallest and largest displacement of a coordinate, where its velocity is 0.
+
+        Between the ends of steps each turn is located by steps that lead there.
+        """
+        d = self._place(name)
+        q, v = self.state[:, 2 * d], self.state[:, 2 * d + 1]
+        found = [float(q.min()), float(q.max())]
+        for i in np.flatnonzero(v[:-1] * v[1:] < 0):
+            top = self._turn(d, float(self.t[i]), float(self.t[i + 1]), v[i], v[i + 1])
+            found = [min(found[0], top), max(found[1], top)]
+        return found[0], found[1]
+
+    def _turn(self, d: int, low: float, high: float, at_low: float, at_high: float) -> float:
+        """Displacement where a velocity passes 0: the rule of Illinois."""
+        q, last = 0.0, 0
+        for _ in range(_MOST_TURNS):
+            t = low + (high - low) * at_low / (at_low - at_high)
+            q, v = self(t)[2 * d : 2 * d + 2]
+            if v == 0 or high - low <= 4e-16 * max(high, 1e-300):
+                break
+            if v * at_low > 0:
+                low, at_low = t, v
+                at_high *= 0.5 if last == 1 else 1.0
+                last = 1
+            else:
+                high, at_high = t, v
+                at_low *= 0.5 if last == 2 else 1.0
+                last = 2
+            if abs(v) * (high - low) <= 1e-15 * abs(q):
+                break
+        return float(q)
+
+    def _headline(self) -> str:
+        words = {True: "stable", False: "unstable", None: "stability unknown"}[self.stable]
+        return f"{self.outcome}, {words}, {things(self.passages, 'passage')} of switches"
+
+    def _scope(self) -> list[str]:
+        return [
+            f"nu: {self.nu:.6g}; repeats after {things(self.n_periods, 'period')}; "
+            f"{named(self.dof_names, self.dof_units)}; {self.method}",
+            f"estimated error {self.error:.1e}, step {self.step:.6g}, "
+            f"{things(self.iterations, 'iteration')}",
+        ]
+
+    def numbers(self) -> dict[str, Number]:
+        """Return ``min_x``, ``max_x``, ..., the size of the largest multiplier and ``outcome``."""
+        found: dict[str, Number] = {}
+        for name, unit in zip(self.dof_names, self.dof_units, strict=True):
+            low, high = self.extremes(name)
+            found |= {f"min_{name}": Number(low, unit), f"max_{name}": Number(high, unit)}
+        found["multiplier"] = Number(float(np.abs(self.multipliers).max(initial=0.0)))
+        return found | {"outcome": Number(self.outcome)}
+
+    def panels(self) -> list[Panel]:
+        """Coordinates over a period."""
+        label = "$t$ (s)" if self.system.time_unit == "s" else r"$\tau$"
+        return [
+            Panel(self.t, self.state[:, 2 * d], label, name, unit)
+            for d, (name, unit) in enumerate(zip(self.dof_names, self.dof_units, strict=True))
+        ]
+
+    def to_dataset(self) -> xr.Dataset:
+        """Everything as an xarray Dataset: states over t, and multipliers."""
+        import xarray as xr
+
+        columns = [f"{name}{dot}" for name in self.dof_names for dot in ("", "_dot")]
+        return xr.Dataset(
+            {
+                "state": (("t", "column"), self.state),
+                "multiplier": ("disturbance", self.multipliers),
+            },
+            coords={"t": self.t, "column": columns},
+            attrs={
+                "nu": self.nu, "n_periods": self.n_periods, "outcome": self.outcome,
+                "stable": {True: 1, False: 0, None: -1}[self.stable], "error": self.error,
+                "multiplier_error": self.multiplier_error, "passages": self.passages,
+                "step": self.step, "method": self.method,
+            },
+        )  # fmt: skip

@@ -1,0 +1,168 @@
+"""Motions that repeat, found in time: by closed forms, harmonic balance and differences."""
+
+import warnings
+
+import numpy as np
+import pytest
+import viscovib as vv
+
+SPRINGS = np.array([[1.0, -1.0], [-1.0, 2.0]])
+#: NLvib's example 03 (Krack and Gross).
+MASSES = vv.PolynomialSystem(
+    mass=[1, 1], stiffness=SPRINGS, damping=0.03 * SPRINGS, forces={"x1": "100*max(x1 - 1, 0)"}
+)
+
+
+def start_of(response):
+    """State at t = 0 of a motion by harmonics."""
+    turning = 1j * response.nu[0] * response.harmonics
+    x = response.coefficients[0]
+    return np.stack([x.imag.sum(axis=1), (x * turning).imag.sum(axis=1)], axis=-1).ravel()
+
+
+@pytest.mark.parametrize("n", [1, 2, 8])
+def test_smooth_as_by_harmonics(n):
+    """Smooth laws, of few coordinates and by sections: the motion that harmonic balance has."""
+    rng = np.random.default_rng(n)
+    for _ in range(3):
+        a = rng.normal(size=(n, n))
+        system = vv.PolynomialSystem(
+            mass=np.diag(rng.uniform(0.5, 2, n)),
+            stiffness=a @ a.T + 2 * np.eye(n),
+            damping=0.3 * np.eye(n),
+            forces={"x1": "0.2*x1^3 + 0.1*x1^2*x1_dot"} if n > 1 else "0.2*x^3 + 0.1*x^2*x_dot",
+        )
+        nu, load = rng.uniform(0.5, 1.0), list(rng.uniform(0.1, 0.4, n))
+        motion = vv.steady_motion(system, nu, load=load)
+        response = vv.forced_response(system, [nu], load=load, rtol=1e-12)
+        expected = start_of(response)
+        assert motion.outcome == "converged"
+        assert motion.stable
+        np.testing.assert_allclose(motion.state[0], expected, atol=1e-10)
+        np.testing.assert_allclose(motion(motion.period * 7.0), motion.state[0], atol=1e-11)
+
+
+def test_memory_as_by_harmonics():
+    """Exponentials that are remembered are part of the state; each has a multiplier."""
+    kernel = vv.PronyKernel(weights=[0.2, 0.3], rates=[0.5, 3.0])
+    spring = vv.Spring(on={"x1": 1, "x2": -1}, stiffness=2.0, law="0.5*d^3", kernel=kernel)
+    system = vv.Structure(
+        mass=np.eye(2), stiffness=np.eye(2), damping=0.05 * np.eye(2), elements=[spring]
+    )
+    motion = vv.steady_motion(system, 0.8, load=[0.3, 0.1])
+    expected = start_of(vv.forced_response(system, [0.8], load=[0.3, 0.1], rtol=1e-12))
+    np.testing.assert_allclose(motion.state[0], expected, atol=1e-10)
+    assert motion.remembered.size == motion.multipliers.size - 4 > 0
+    assert motion.stable
+
+
+@pytest.mark.parametrize(("nu", "limit"), [(0.8, 0.2), (1.2, 0.3)])
+def test_den_hartog(nu, limit):
+    """The closed form of dry friction without stops (Den Hartog 1931), to 1e-10."""
+    ratio = np.sin(np.pi / nu) / (nu * (1 + np.cos(np.pi / nu)))
+    expected = np.sqrt(1 / (1 - nu**2) ** 2 - (limit * ratio) ** 2)
+    block = vv.PolynomialSystem(mass=1, stiffness=1, forces=f"{limit}*sign(x_dot)")
+    motion = vv.steady_motion(block, nu, load={1: 1j})
+    assert motion.passages == 2
+    assert motion.extremes("x") == pytest.approx((-expected, expected), abs=1e-10)
+    assert motion.error < 1e-10
+
+
+def test_sticking_forgets():
+    """A mass that sticks on the way has a multiplier that is 0; two masses, one of them sticks."""
+    block = vv.PolynomialSystem(mass=1, stiffness=1, damping=0.05, forces="0.7*sign(x_dot)")
+    motion = vv.steady_motion(block, 0.4, load=1.0)
+    assert motion.passages > 2
+    assert abs(motion.multipliers[-1]) < 1e-14
+    assert motion.stable
+
+
+SYSTEMS = {
+    "gap": vv.PolynomialSystem(
+        mass=[1, 2], stiffness=SPRINGS, damping=0.1 * SPRINGS, forces={"x1": "9*max(x1 - 0.1, 0)"}
+    ),
+    "jump": vv.PolynomialSystem(
+        mass=[1, 2], stiffness=SPRINGS, damping=0.1 * SPRINGS,
+        forces={"x1": "where(x1 + 0.3*x1^3 > 0.1, 0.3, 0)"},
+    ),
+    "friction that grows": vv.PolynomialSystem(
+        mass=[1, 2], stiffness=SPRINGS, damping=0.1 * SPRINGS,
+        forces={"x1": "0.3*(1 + x1^2)*sign(x1_dot - 0.1)"},
+    ),
+    "impact and friction": vv.Structure(
+        mass=np.diag([1.0, 2.0]), stiffness=SPRINGS, damping=0.1 * SPRINGS,
+        elements=[
+            vv.Gap(on={"x1": 1}, gap=0.2, restitution=0.6),
+            vv.Spring(on="x2", stiffness=0, law="0.1*sign(v)"),
+        ],
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", SYSTEMS)
+def test_derivatives_across_switches(name):
+    """What disturbances become is what motions beside the motion tell."""
+    from viscovib.analyses.period_map import PeriodMap
+
+    mapping = PeriodMap.checked(SYSTEMS[name], [0.7, 0.4], 0.8, 1, "auto")
+    steps, state, h = 40, np.zeros(4), 1e-6
+    for _ in range(3):
+        state = mapping.run(state, steps).last
+        ran = mapping.run(state, steps)
+        assert ran.passed > 0
+        beside = [
+            (mapping.run(state + h * one, steps).last - mapping.run(state - h * one, steps).last)
+            / (2 * h)
+            for one in np.eye(4)
+        ]
+        np.testing.assert_allclose(ran.by_start, np.array(beside).T, atol=2e-7)
+
+
+def test_period_of_two_loads():
+    """Behind a doubling the motion repeats after two periods; the old one is unstable."""
+    near = [-1.7437, -0.5182, -0.6096, 0.2772]
+    one = vv.steady_motion(MASSES, 0.7554, load=[0, 0.1], initial=near)
+    assert one.stable is False
+    assert one.multipliers[0].real < -1
+    assert abs(one.multipliers[0].imag) == 0
+    two = vv.steady_motion(MASSES, 0.7554, load=[0, 0.1], initial=one, n_periods=2)
+    np.testing.assert_allclose(two.state[0], one.state[0], atol=1e-9)
+    largest = np.abs(two.multipliers[0])
+    assert largest == pytest.approx(np.abs(one.multipliers[0]) ** 2, rel=1e-6)
+
+
+def test_refused():
+    """What has no such motion is said in one line; what is not found, too."""
+    system = vv.PolynomialSystem(mass=1, stiffness=1, damping=0.1, forces="x^3")
+    with pytest.raises(vv.InputError, match="load: must be given"):
+        vv.steady_motion(system, 1.0)
+    with pytest.raises(vv.InputError, match="nu = 0: must be greater than 0"):
+        vv.steady_motion(system, 0.0, load=1.0)
+    joint = vv.Structure(
+        mass=[[1.0]], stiffness=[[1.0]],
+        elements=[vv.Jenkins(on="x1", stiffness=1.0, limit=0.1)],
+    )  # fmt: skip
+    with pytest.raises(vv.InputError, match="elements that know what was"):
+        vv.steady_motion(joint, 1.0, load=1.0)
+    falls = vv.PolynomialSystem(mass=1, stiffness=-1.0, forces="-x^3")
+    with pytest.warns(vv.ConvergenceWarning, match="no motion was found"):
+        found = vv.steady_motion(falls, 1.0, load=5.0, initial=[9.0, 9.0])
+    assert not found.complete
+    assert found.stable is None
+
+
+def test_result():
+    """It is printed, saved and taken as a start."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        motion = vv.steady_motion(SYSTEMS["gap"], 0.8, load=[0.7, 0.4])
+    assert "converged, stable" in repr(motion)
+    data = motion.to_dataset()
+    np.testing.assert_array_equal(data["state"], motion.state)
+    again = vv.steady_motion(SYSTEMS["gap"], 0.8, load=[0.7, 0.4], initial=motion)
+    np.testing.assert_allclose(again.state[0], motion.state[0], atol=2 * motion.error)
+    run = vv.simulate(
+        SYSTEMS["gap"], motion.period, dt=motion.step, initial=motion.state[0], load=[0.7, 0.4],
+        nu=0.8, keep="last",
+    )  # fmt: skip
+    np.testing.assert_allclose(run.state[-1], motion.state[0], atol=1e-12)

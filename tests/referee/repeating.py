@@ -1,0 +1,91 @@
+"""Motions that repeat with their load, in time: SciPy from switch to switch over one period.
+
+Newton's step of the judge's own map, its derivatives by differences, tells how far a start is from
+the one that comes back.
+"""
+
+import numpy as np
+
+from referee.case import Case, Claim, even, few
+from referee.switched import Automaton, Contact
+
+JUDGES = (
+    "steady_motion", "SteadyMotion", "SteadyMotion.__call__", "SteadyMotion.extremes",
+    "SteadyMotion.period",
+)  # fmt: skip
+
+#: Distance of differences, and what SciPy leaves of a state.
+_APART, _LEFT = 1e-5, 2e-11
+
+
+def case(rng, index):
+    """One or two masses with springs behind gaps, dry friction and rigid stops."""
+    n = 1 + index % 2
+    mass = [few(rng, 0.5, 3) for _ in range(n)]
+    k, c = [few(rng, 0.5, 3) for _ in range(n)], few(rng, 0.05, 0.4)
+    stiffness = np.diag(k)
+    if n == 2:
+        between = few(rng, 0.2, 2)
+        stiffness = stiffness + between * np.array([[1, -1], [-1, 1]])
+    damping = c * np.eye(n)
+    kind, gap = index // 2 % 4, few(rng, 0.1, 0.6)
+    friction, stops, elements, sources = [None] * n, [None] * n, [], []
+    if kind in (0, 3):
+        stiff, both = few(rng, 2, 60), bool(rng.random() < 0.5)
+        name = "Stop" if both else "Gap"
+        sources.append(f"vv.{name}(on={{'x1': 1}}, stiffness={stiff}, gap={gap})")
+        elements.append(Contact(np.eye(n)[0], stiff, gap, both))
+    if kind in (1, 3):
+        friction[n - 1] = few(rng, 0.02, 0.4)
+        sources.append(f"vv.Spring(on='x{n}', stiffness=0, law='{friction[n - 1]}*sign(v)')")
+    if kind == 2:
+        stops[0] = (gap, even(rng, 0, 0.9, 1))
+        sources.append(f"vv.Gap(on='x1', gap={gap}, restitution={stops[0][1]})")
+    load, nu = [even(rng, 0.3, 1.0, 3) for _ in range(n)], few(rng, 0.4, 2.0)
+    call = f"""s = vv.Structure(mass={np.diag(mass).tolist()}, stiffness={stiffness.tolist()},
+    damping={damping.tolist()}, elements=[{", ".join(sources)}])
+m = vv.steady_motion(s, {nu}, load={load})
+outcome, start, error, stable = m.outcome, m.state[0], m.error, m.stable
+multipliers, multiplier_error = m.multipliers, m.multiplier_error
+period, later = m.period, m(m.period / 3)
+top = m.extremes('x1')
+"""
+
+    def judge(names, told):
+        if names["outcome"] != "converged":
+            return
+        machine = Automaton(
+            np.array(mass), stiffness, damping, lambda t: np.array(load) * np.sin(nu * t), elements,
+            friction, stops,
+        )  # fmt: skip
+        start, period = names["start"], names["period"]
+        times = np.array([0.0, period / 3, period])
+
+        def after(y, times=times[[0, 2]]):
+            found = machine.run(y[::2], y[1::2], times)
+            return None if found is None else found[1:]
+
+        mine = after(start, times)
+        sides = [after(start + s * _APART * one) for one in np.eye(2 * n) for s in (1, -1)]
+        if mine is None or any(one is None for one in sides):
+            return
+        by = np.array(
+            [(a[-1] - b[-1]) / (2 * _APART) for a, b in zip(sides[::2], sides[1::2], strict=True)]
+        ).T
+        inverse = np.linalg.pinv(np.eye(2 * n) - by)
+        enlarged = max(1.0, float(np.abs(inverse).sum(axis=1).max()))
+        true = start + inverse @ (mine[-1] - start)
+        admitted = 2 * max(1.0, nu) * names["error"] + _LEFT * enlarged
+        yield Claim("state at t = 0", start, true, admitted, damage=1e-4)
+        yield Claim("a third later", names["later"], mine[0], admitted, damage=1e-4)
+        mine_largest = float(np.abs(np.linalg.eigvals(by)).max())
+        if names["stable"] is not None and abs(mine_largest - 1) > 1e-2:
+            yield Claim("stable", bool(names["stable"]), bool(mine_largest < 1))
+        dense = machine.run(start[::2], start[1::2], np.linspace(0, period, 400))
+        if dense is not None:
+            low, high = names["top"]
+            reach = float(np.abs(dense[:, 1]).max()) * period / 400
+            yield Claim("smallest x1", low, float(dense[:, 0].min()), reach, damage=3.0)
+            yield Claim("largest x1", high, float(dense[:, 0].max()), reach, damage=3.0)
+
+    return Case(call, judge)
