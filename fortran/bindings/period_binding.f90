@@ -4,12 +4,12 @@
 !! of its start have become at the end: by_start(i, j) is the derivative of number i of the last
 !! state by number j of the first. A state are coordinates and velocities by turns, then the rates of
 !! what is remembered, n_wide numbers in all; the system, its load and the method as in
-!! `polynomial_simulate`. states: those after every step, n_columns of them or none; at_times: those
-!! at ascending times; both without what is remembered. n_passed: surfaces passed; known = 0:
+!! `polynomial_simulate`. at_times: states at ascending times, n_reached of them, without what is
+!! remembered. n_passed: surfaces passed; known = 0:
 !! disturbances are not known.
 subroutine polynomial_period(flat, n_flat, orders, series, n_rows, n_series, nu, method, thin, &
-                             h, n_steps, tolerance, begin, n_wide, times, n_times, n_columns, last, &
-                             by_start, states, at_times, n_passed, known, ended, t_reached, status)
+                             h, n_steps, tolerance, begin, n_wide, times, n_times, last, by_start, &
+                             at_times, n_reached, n_passed, known, ended, t_reached, status)
   use, intrinsic :: iso_c_binding, only: c_double, c_double_complex, c_int, c_long
   use viscovib_binding_tools, only: make_load, report
   use viscovib_fitted_motion, only: new_fitted_motion
@@ -25,14 +25,14 @@ subroutine polynomial_period(flat, n_flat, orders, series, n_rows, n_series, nu,
   use viscovib_system_vector, only: polynomial_from_vector
   implicit none
   integer(c_int), intent(in) :: n_flat, n_rows, n_series, orders(n_series), method, n_wide
-  integer(c_int), intent(in) :: n_times, n_columns
+  integer(c_int), intent(in) :: n_times
   integer(c_long), intent(in) :: n_steps
   real(c_double), intent(in) :: flat(n_flat), nu, thin, h, tolerance, begin(n_wide)
   real(c_double), intent(in) :: times(n_times)
   complex(c_double_complex), intent(in) :: series(n_rows, n_series)
   real(c_double), intent(out) :: last(n_wide), by_start(n_wide, n_wide), t_reached
-  real(c_double), intent(out) :: states(2*n_rows - 2, n_columns), at_times(2*n_rows - 2, n_times)
-  integer(c_int), intent(out) :: n_passed, known, ended, status
+  real(c_double), intent(out) :: at_times(2*n_rows - 2, n_times)
+  integer(c_int), intent(out) :: n_reached, n_passed, known, ended, status
   !f2py threadsafe
   type(polynomial_type) :: system
   type(polynomial_motion_type) :: motion
@@ -40,16 +40,16 @@ subroutine polynomial_period(flat, n_flat, orders, series, n_rows, n_series, nu,
   class(stepper_type), allocatable :: stepper
   type(motion_beside) :: beside
   type(status_type) :: outcome
-  real(c_double), allocatable :: hidden(:), whole(:, :)
+  real(c_double), allocatable :: hidden(:), whole(:, :), none(:, :)
   integer, allocatable :: place(:)
   integer(c_long) :: n_done
-  integer :: i, n, n_reached
+  integer :: i, n
 
   last = begin
   by_start = 0.0_c_double
-  states = 0.0_c_double
   at_times = 0.0_c_double
   t_reached = 0.0_c_double
+  n_reached = 0
   n_passed = 0
   known = 0
   ended = 0
@@ -75,7 +75,8 @@ subroutine polynomial_period(flat, n_flat, orders, series, n_rows, n_series, nu,
                      [begin(2:2*n:2), begin(2*n + 1:)], 0.0_c_double, h, tolerance)
     motion%thin = thin
     call beside%begin(motion%n_dof)
-    call simulate(stepper, motion, 0_c_long, n_steps, 1_c_long, times, states, at_times, n_done, &
+    allocate (none(2*n, 0))
+    call simulate(stepper, motion, 0_c_long, n_steps, 1_c_long, times, none, at_times, n_done, &
                   n_reached, t_reached, ended, beside=beside)
     last(1:2*n:2) = stepper%q(:n)
     last(2:2*n:2) = stepper%v(:n)

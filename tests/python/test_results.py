@@ -97,6 +97,7 @@ def _forces():
 
 
 RESULTS |= {
+    "motion that repeats": lambda: vv.steady_motion(DUFFING, 0.7, load=0.1),
     "structure response": lambda: vv.forced_response(CHAIN, [0.4, 0.6], load={1: [0, 0, 0.1]}),
     "structure branch": lambda: vv.trace_response(CHAIN, (0.3, 0.5), load={1: [0, 0, 0.1]}),
     "structure motion": lambda: vv.simulate(CHAIN, 5, dt=0.1, load={1: [0, 0, 0.1]}, nu=0.4),

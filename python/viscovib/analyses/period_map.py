@@ -46,8 +46,7 @@ class Ran(NamedTuple):
     last: FloatArray
     #: Derivatives of the last state by the first.
     by_start: FloatArray
-    #: Without what is remembered: states after every step, and at the times asked for.
-    states: FloatArray
+    #: States at the times asked for, as many as were reached, without what is remembered.
     at_times: FloatArray
     #: Surfaces on which laws switch that were passed.
     passed: int
@@ -168,9 +167,7 @@ class PeriodMap:
             )
         return max(_LEAST * self.n_periods, math.ceil(many))
 
-    def run(
-        self, state: FloatArray, steps: int, times: FloatArray | None = None, kept: bool = False
-    ) -> Ran:
+    def run(self, state: FloatArray, steps: int, times: FloatArray | None = None) -> Ran:
         """Make the motion from a state, in so many steps."""
         found = _native.call_either(
             steps > _native.MANY_STEPS,
@@ -186,13 +183,12 @@ class PeriodMap:
             ROUNDING,
             state,
             nothing(0) if times is None else times,
-            steps if kept else 0,
         )
-        last, by_start, states, at_times, passed, known, ended, reached = found
+        last, by_start, at_times, n_reached, passed, known, ended, reached = found
         outcome = OUTCOMES[int(ended)]
         if outcome == "completed" and not known:
             outcome = "grazing"
-        return Ran(last, by_start, states.T, at_times.T, int(passed), outcome, float(reached))
+        return Ran(last, by_start, at_times.T[:n_reached], int(passed), outcome, float(reached))
 
     def solve(self, start: FloatArray, steps: int, tolerance: float) -> Found:
         """Newton's method for a state that comes back; corrections are measured by `weights`."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import warnings
 from dataclasses import replace
 from typing import NamedTuple
@@ -32,6 +33,8 @@ _DOUBLINGS, _FAILURES = 12, 3
 #: Multipliers as large as this part of the largest decide with it.
 _LEADING = 0.9
 _MOST_PERIODS = 64
+#: States kept of a period at least.
+_SHOWN = 256
 
 
 class Refined(NamedTuple):
@@ -116,9 +119,9 @@ def steady_motion(
     --------
     >>> import numpy as np
     >>> import viscovib as vv
-    >>> friction = vv.PolynomialSystem(mass=1, stiffness=1, forces="0.2*sign(x_dot)")
-    >>> motion = vv.steady_motion(friction, 0.5, load=1.0)
-    >>> motion.stable, bool(np.abs(motion.multipliers).max() < 1e-9)  # it sticks on the way
+    >>> friction = vv.PolynomialSystem(mass=1, stiffness=1, forces="0.7*sign(x_dot)")
+    >>> motion = vv.steady_motion(friction, 0.4, load=1.0)
+    >>> motion.stable, bool(np.abs(motion.multipliers[-1]) < 1e-9)  # it sticks on the way
     (True, True)
     """
     periods = _native.integer("n_periods", n_periods, 1, _MOST_PERIODS)
@@ -263,15 +266,15 @@ def motion_of(
     system: PolynomialSystem | Structure, mapping: PeriodMap, found: Refined
 ) -> SteadyMotion:
     """Make the result, with the motion over one period."""
-    ran = mapping.run(found.found.state, found.steps, kept=True)
     n = 2 * mapping.n_dof
-    states = np.concatenate([found.found.state[np.newaxis, :n], ran.states[:, :n]])
-    step = mapping.period / found.steps
+    parts = math.ceil(_SHOWN / found.steps)
+    t = np.linspace(0.0, mapping.period, parts * found.steps + 1)
+    ran = mapping.run(found.found.state, found.steps, times=t)
     return SteadyMotion(
         nu=mapping.nu,
         n_periods=mapping.n_periods,
-        t=np.multiply(step, np.arange(found.steps + 1), dtype=float),
-        state=states,
+        t=t[: ran.at_times.shape[0]],
+        state=ran.at_times,
         remembered=found.found.state[n:].copy(),
         multipliers=found.multipliers,
         stable=found.stable,
@@ -280,7 +283,7 @@ def motion_of(
         outcome=found.found.outcome,
         iterations=found.iterations,
         passages=found.found.passed,
-        step=step,
+        step=mapping.period / found.steps,
         method=mapping.method,
         system=system,
         _map=mapping,

@@ -15,6 +15,7 @@ from viscovib.plots.axes import Shown, logarithmic
 from viscovib.plots.panels import Labels, panel, panels
 from viscovib.plots.style import COLOURS, STYLES, bare, in_brackets, symbol
 from viscovib.results.ensemble import Ensemble
+from viscovib.results.steady_motion import SteadyMotion
 from viscovib.results.trajectory import Trajectory
 
 if TYPE_CHECKING:
@@ -33,7 +34,7 @@ _DOTS: dict[str, Any] = {
 
 
 def plot_trajectory(
-    trajectory: Trajectory | Sequence[Trajectory],
+    trajectory: Trajectory | SteadyMotion | Sequence[Trajectory | SteadyMotion],
     ax: Axes | Sequence[Axes] | None = None,
     *,
     labels: Sequence[str] | None = None,
@@ -42,7 +43,7 @@ def plot_trajectory(
 
     Parameters
     ----------
-    trajectory : Trajectory or sequence of them
+    trajectory : Trajectory, SteadyMotion or sequence of them
     ax : sequence of Axes, optional
         Where to draw: two a coordinate, history and phase plane; None makes a figure.
     labels : sequence of str, optional
@@ -65,7 +66,7 @@ def plot_trajectory(
     ... )
     >>> axes = vv.plot_trajectory(vv.simulate(mount, 20, load=0.1, nu=1.5))
     """
-    runs = _native.several("trajectory", trajectory, Trajectory)
+    runs = _native.several("trajectory", trajectory, Trajectory, SteadyMotion)
     labels = _LABELS.of(labels, len(runs))
     names = runs[0].dof_names
     if ax is None:

@@ -25,6 +25,7 @@ from viscovib.results.ensemble import Ensemble
 from viscovib.results.modulation import Modulation
 from viscovib.results.response import Response, lowest_order
 from viscovib.results.scales import ScalesResponse
+from viscovib.results.steady_motion import SteadyMotion
 from viscovib.results.trajectory import Trajectory
 from viscovib.scene.table import TableResult
 
@@ -102,7 +103,7 @@ def _draw_scales(result: ScalesResponse, figure: "Figure", _: Drawn) -> None:
     plot_scales_response(result, figure.subplots(len(moving_steadily(result)), 1, sharex=True))
 
 
-def _draw_trajectory(result: Trajectory, figure: "Figure", _: Drawn) -> None:
+def _draw_trajectory(result: Trajectory | SteadyMotion, figure: "Figure", _: Drawn) -> None:
     plot_trajectory(result, motion_axes(figure, len(result.dof_names)))
 
 
@@ -149,6 +150,7 @@ _DRAWN: dict[type, tuple[Callable[..., Any], Callable[[Any], tuple[float, float]
     DrivenBranch: (_draw_driven_branch, _panel_size, plot_branch),
     Backbone: (_draw_backbone, _panel_size, plot_backbone),
     Trajectory: (_draw_trajectory, lambda r: (10, 2.4 * len(r.dof_names)), plot_trajectory),
+    SteadyMotion: (_draw_trajectory, lambda r: (10, 2.4 * len(r.dof_names)), plot_trajectory),
     Spectrum: (_draw_spectrum, lambda _: (8, 4.5), plot_spectrum),
     TableResult: (_draw_table, _table_size, _plot_table),
     ScalesResponse: (

@@ -32,7 +32,8 @@ class SteadyMotion(Result):
     n_periods : int
         After so many of its periods the motion repeats.
     t, state : ndarray, shapes (n,) and (n, 2 n_dof)
-        States at the ends of steps over one period: each coordinate and its velocity. ``state[0]``
+        States at equal times over one period, ends of steps and between: each coordinate and its
+        velocity. ``state[0]``
         is the one at t = 0, as `simulate` takes it for ``initial``. ``motion(t)`` gives states at
         any other times.
     remembered : ndarray, shape (n_hidden,)
@@ -115,7 +116,7 @@ class SteadyMotion(Result):
         phases = np.where(phases >= self.period, 0.0, phases)
         wanted, back = np.unique(phases, return_inverse=True)
         start = np.concatenate([self.state[0], self.remembered])
-        states = self._map.run(start, self.t.size - 1, times=wanted).at_times
+        states = self._map.run(start, round(self.period / self.step), times=wanted).at_times
         if states.shape[0] < wanted.size:
             raise InputError("t: the motion does not reach these times")
         return np.asarray(states[back].reshape(*times.shape, self.state.shape[1]))
@@ -130,7 +131,7 @@ class SteadyMotion(Result):
     def extremes(self, name: str) -> tuple[float, float]:
         """Smallest and largest displacement of a coordinate, where its velocity is 0.
 
-        Between the ends of steps each turn is located by steps that lead there.
+        Between the times ``t`` each turn is located by steps that lead there.
         """
         d = self._place(name)
         q, v = self.state[:, 2 * d], self.state[:, 2 * d + 1]
@@ -204,6 +205,7 @@ class SteadyMotion(Result):
                 "nu": self.nu, "n_periods": self.n_periods, "outcome": self.outcome,
                 "stable": {True: 1, False: 0, None: -1}[self.stable], "error": self.error,
                 "multiplier_error": self.multiplier_error, "passages": self.passages,
+                "iterations": self.iterations,
                 "step": self.step, "method": self.method,
             },
         )  # fmt: skip
