@@ -7,12 +7,13 @@
 !! keeps the factors of its first step as long as that converges fast, so that a point
 !! takes one factorization.
 module viscovib_curve_corrector
-  use viscovib_block_factors, only: factorize_blocks
   use viscovib_curve, only: curve_type
+  use viscovib_curve_factors, only: curve_factors, new_factors
   use viscovib_curve_point, only: angle_between, curve_metric, curve_point, metric, normalize, &
     off_at_value
-  use viscovib_dense, only: factorize_padded, largest_in_rows, solve_padded
+  use viscovib_dense, only: largest_in_rows
   use viscovib_kinds, only: wp
+  use viscovib_sized_curve, only: sized_curve_type
   use viscovib_stopping, only: given_up
   implicit none
   private
@@ -24,8 +25,6 @@ module viscovib_curve_corrector
   real(wp), parameter :: fast_enough = 0.1_wp
   !> Errors of a tangent in passing, in units of the rate of convergence.
   real(wp), parameter :: doubtful = 40.0_wp
-  !> Unknowns up to which whole vectors pay more than blocks.
-  integer, parameter :: small = 64, vector = 8
   real(wp), parameter :: rounding = 4.0_wp*epsilon(1.0_wp)
   !> Next to a point, relative.
   real(wp), parameter :: beside = 1.0e-9_wp
@@ -53,11 +52,11 @@ module viscovib_curve_corrector
     logical, private :: looks_at_groups = .false.
     !> Whether the derivatives factorized last are nearly singular.
     logical :: nearly_singular = .false.
-    integer, private :: n = 0, rows = 0
-    real(wp), allocatable, private :: matrix(:, :), right(:), r(:), slope_p(:)
+    integer, private :: n = 0
+    type(curve_factors), private :: factors
+    real(wp), allocatable, private :: right(:), r(:), slope_p(:)
     !> What each unknown amounts to, and the largest of each equation, for pivots free of units.
     real(wp), allocatable, private :: sizes(:), largest_of(:)
-    integer, allocatable, private :: pivots(:)
     !> The largest term of each equation, by the derivatives factorized last.
     real(wp), allocatable :: terms(:)
     !> The last correction, and what part of it is left.
@@ -79,15 +78,18 @@ contains
     !> Error of unknowns that is allowed besides, in their units.
     real(wp), intent(in), optional :: absolute
     real(wp) :: lightest
-    integer :: n
+    integer :: blocks, n
 
     n = curve%n
     corrector%n = n
-    corrector%rows = n + 1
-    if (n < small) corrector%rows = (n/vector + 1)*vector
-    allocate (corrector%matrix(corrector%rows, n + 1), source=0.0_wp)
+    blocks = 1
+    select type (curve)
+    class is (sized_curve_type)
+      blocks = curve%blocks
+    end select
+    call new_factors(corrector%factors, n, blocks)
     allocate (corrector%right(n + 1), corrector%r(n), corrector%slope_p(n), &
-              corrector%pivots(n + 1), corrector%predicted(n + 1))
+              corrector%predicted(n + 1))
     allocate (corrector%second(n + 1), corrector%third(n + 1), source=0.0_wp)
     allocate (corrector%terms(n), corrector%last(n + 1), source=0.0_wp)
     allocate (corrector%weights(n), source=1.0_wp)
@@ -178,7 +180,7 @@ contains
     do k = 1, max_iterations
       if (.not. exact .and. given_up()) return
       if (fresh) then
-        call curve%equations(next%x, next%p, c%r, c%matrix, c%slope_p, inside)
+        call curve%equations(next%x, next%p, c%r, c%factors%matrix, c%slope_p, inside)
       else
         call curve%residual(next%x, next%p, c%r, inside)
       end if
@@ -241,7 +243,7 @@ contains
     call metric(c, next, weight_x, weight_p)
     if (sqrt(weight_p)*abs(next%slope_p) > doubtful*rate) return
     call metric(c, here, weight_x, weight_p)
-    call curve%equations(next%x, next%p, c%r, c%matrix, c%slope_p, inside)
+    call curve%equations(next%x, next%p, c%r, c%factors%matrix, c%slope_p, inside)
     call decompose(c, here, next, weight_x, weight_p, singular)
     made = inside .and. .not. singular
     if (.not. made) return
@@ -292,7 +294,7 @@ contains
       c%right(n + 1) = c%right(n + 1) + weight_x*c%weights(i)*here%slope_x(i) &
                        *(next%x(i) - c%predicted(i))
     end do
-    call solve_padded(c%rows, n + 1, c%matrix, c%pivots, c%right)
+    call c%factors%solve(c%right)
     next%p = next%p - c%right(n + 1)
     change = weight_p*c%right(n + 1)**2
     do i = 1, n
@@ -310,7 +312,7 @@ contains
     call determinant(c, exact, point)
     c%right = 0.0_wp
     c%right(c%n + 1) = 1.0_wp
-    call solve_padded(c%rows, c%n + 1, c%matrix, c%pivots, c%right)
+    call c%factors%solve(c%right)
     point%slope_x(:) = c%right(:c%n)
     point%slope_p = c%right(c%n + 1)
   end subroutine find_tangent
@@ -324,7 +326,7 @@ contains
     real(wp), intent(out) :: off(:)
     off(:c%n) = pushed
     off(c%n + 1) = 0.0_wp
-    call solve_padded(c%rows, c%n + 1, c%matrix, c%pivots, off)
+    call c%factors%solve(off)
   end subroutine displace
 
   !> Border the derivatives by slope and tangent, and factorize.
@@ -336,64 +338,42 @@ contains
     logical, intent(out) :: singular
     integer :: n, i
     n = c%n
-    call largest_in_rows(c%rows, n, c%matrix(:, :n), abs(next%x), c%terms)
-    c%terms = max(c%terms, abs(c%slope_p*next%p))
-    c%matrix(:n, n + 1) = c%slope_p
-    do i = 1, n
-      c%matrix(n + 1, i) = weight_x*c%weights(i)*here%slope_x(i)
-    end do
-    c%matrix(n + 1, n + 1) = weight_p*here%slope_p
-    if (c%looks_at_groups) then
-      ! In units of what each unknown and each equation amounts to.
+    associate (matrix => c%factors%matrix)
+      call largest_in_rows(c%factors%rows, n, matrix(:, :n), abs(next%x), c%terms)
+      c%terms = max(c%terms, abs(c%slope_p*next%p))
+      matrix(:n, n + 1) = c%slope_p
       do i = 1, n
-        c%sizes(i) = 1.0_wp/sqrt(weight_x*c%weights(i))
+        matrix(n + 1, i) = weight_x*c%weights(i)*here%slope_x(i)
       end do
-      c%sizes(n + 1) = 1.0_wp/sqrt(weight_p)
-      call largest_in_rows(c%rows, n + 1, c%matrix, c%sizes, c%largest_of)
-    end if
-    if (n < small) then
-      call factorize_padded(c%rows, n + 1, c%matrix, c%pivots, singular)
-    else
-      call factorize_blocks(n + 1, c%matrix, c%pivots, singular)
-    end if
+      matrix(n + 1, n + 1) = weight_p*here%slope_p
+      if (c%looks_at_groups) then
+        ! In units of what each unknown and each equation amounts to.
+        do i = 1, n
+          c%sizes(i) = 1.0_wp/sqrt(weight_x*c%weights(i))
+        end do
+        c%sizes(n + 1) = 1.0_wp/sqrt(weight_p)
+        call largest_in_rows(c%factors%rows, n + 1, matrix, c%sizes, c%largest_of)
+      end if
+    end associate
+    call c%factors%decompose(c%sizes, singular)
     c%nearly_singular = .false.
     if (c%looks_at_groups .and. .not. singular) c%nearly_singular = has_small_pivots(c)
   end subroutine decompose
 
   !> Whether pivots, in the units of `sizes` and `largest_of`, spread too wide.
   logical function has_small_pivots(c) result(small_ones)
-    type(corrector_type), intent(inout) :: c
-    real(wp) :: pivot, largest, smallest, row
-    integer :: i
-    smallest = huge(smallest)
-    largest = 0.0_wp
-    do i = 1, c%n + 1
-      ! Rows were exchanged.
-      row = c%largest_of(c%pivots(i))
-      c%largest_of(c%pivots(i)) = c%largest_of(i)
-      pivot = abs(c%matrix(i, i))*c%sizes(i)/row
-      smallest = min(smallest, pivot)
-      largest = max(largest, pivot)
-    end do
+    type(corrector_type), intent(in) :: c
+    real(wp) :: largest, smallest
+    call c%factors%pivots_of(c%sizes, c%largest_of, largest, smallest)
     small_ones = .not. smallest > wide*largest
   end function has_small_pivots
 
   !> Sign and, if wanted, logarithm of the determinant, from its factors.
-  pure subroutine determinant(c, wanted, point)
+  subroutine determinant(c, wanted, point)
     type(corrector_type), intent(in) :: c
     logical, intent(in) :: wanted
     type(curve_point), intent(inout) :: point
-    integer :: k
-    point%sign = 1
-    do k = 1, c%n + 1
-      if (c%pivots(k) /= k) point%sign = -point%sign
-      if (c%matrix(k, k) < 0.0_wp) point%sign = -point%sign
-    end do
-    point%log_determinant = 0.0_wp
-    if (.not. wanted) return
-    do k = 1, c%n + 1
-      point%log_determinant = point%log_determinant + log(abs(c%matrix(k, k)))
-    end do
+    call c%factors%determinant(wanted, point%sign, point%log_determinant)
   end subroutine determinant
 
   !> How far the point a step from `here` lies off its prediction: the largest part of any group
@@ -466,7 +446,7 @@ contains
     ! Where the matrix has no inverse at all, one next to it.
     do k = 0, 2
       call curve%equations(point%x*(1.0_wp + k*beside), point%p + k*beside*c%p_scale, c%r, &
-                           c%matrix, c%slope_p, inside)
+                           c%factors%matrix, c%slope_p, inside)
       singular = .not. inside
       if (inside) call decompose(c, here, point, weight_x, weight_p, singular)
       if (.not. singular) exit
@@ -476,7 +456,7 @@ contains
       return
     end if
     do k = 1, 4
-      call solve_padded(c%rows, n + 1, c%matrix, c%pivots, across)
+      call c%factors%solve(across)
       across = across/sqrt(sum(across**2))
     end do
   end subroutine null_vector

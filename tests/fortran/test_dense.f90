@@ -2,6 +2,7 @@
 module test_dense
   use testing, only: begin, check, check_close
   use viscovib_block_factors, only: factorize_blocks
+  use viscovib_curve_factors, only: curve_factors, new_factors
   use viscovib_dense, only: factorize, factorize_padded, invert, solve
   use viscovib_kinds, only: wp
   implicit none
@@ -38,6 +39,8 @@ contains
     if (begin('factors solve what needs exchanges of rows')) call solve_some()
 
     if (begin('factors in blocks are the same factors')) call compare_factors()
+
+    if (begin('what is linear is eliminated first')) call compare_bordered()
 
     if (begin('a zero pivot is exchanged')) then
       a = reshape([(0.0_wp, 0.0_wp), (1.0_wp, 0.0_wp), (0.0_wp, 0.0_wp), (2.0_wp, 0.0_wp), &
@@ -123,5 +126,57 @@ contains
     call factorize_blocks(60, matrix, pivots, singular)
     call check(singular, 'singular')
   end subroutine compare_factors
+
+  !> Equations of which some blocks meet all blocks in pairs alone, against factors of the whole:
+  !! solutions, determinants and pivots. One in three has a pair that is all but singular by itself.
+  subroutine compare_bordered()
+    integer, parameter :: blocks = 3, n_pairs = 13, m = 2*n_pairs, n = blocks*m + 1
+    type(curve_factors) :: factors
+    real(wp) :: whole(n, n), x(n), right(n), sizes(n), logarithm, known, largest, smallest
+    integer :: pivots(n), sign, sign_known, draw, i, j, k
+    logical :: loose(blocks), is_loose(n), singular
+
+    sizes = 1.0_wp
+    do draw = 1, 60
+      if (mod(draw, 8) == 7) cycle
+      loose = [(mod(draw/2**(i - 1), 2) == 1, i=1, blocks)]
+      is_loose = .false.
+      do j = 1, blocks
+        is_loose((j - 1)*m + 1:j*m) = loose(j)
+      end do
+      do j = 1, n
+        do i = 1, n
+          whole(i, j) = sin(1.7_wp*i*j + 0.31_wp*draw + 0.2_wp*i)
+          if (max(i, j) == n .or. mod(i - 1, m)/2 == mod(j - 1, m)/2) cycle
+          if (is_loose(i) .or. is_loose(j)) whole(i, j) = 0.0_wp
+        end do
+      end do
+      if (mod(draw, 3) == 0) then
+        i = findloc(loose, .true., 1)
+        k = (i - 1)*m + 2*mod(draw, n_pairs) + 1
+        do j = 1, blocks
+          if (i > 0 .and. loose(j)) whole(k:k + 1, k + (j - i)*m:k + (j - i)*m + 1) = 0.0_wp
+        end do
+        if (i > 0) whole(k, k) = 1.0e-15_wp
+        if (i > 0) whole(k + 1, k + 1) = 1.0e-15_wp
+      end if
+      x = [(cos(1.0_wp*j), j=1, n)]
+      right = matmul(whole, x)
+      call new_factors(factors, n - 1, blocks)
+      factors%matrix(:n, :) = whole
+      call factors%decompose(sizes, singular)
+      call check(.not. singular, 'regular')
+      call factors%solve(right)
+      call factors%determinant(.true., sign, logarithm)
+      call factors%pivots_of(sizes, sizes, largest, smallest)
+      call check(smallest > 0.0_wp .and. largest < 1.0e3_wp, 'no pivot is large')
+      call factorize_padded(n, n, whole, pivots, singular)
+      sign_known = product([(merge(-1, 1, pivots(i) /= i .neqv. whole(i, i) < 0.0_wp), i=1, n)])
+      known = sum([(log(abs(whole(i, i))), i=1, n)])
+      call check(sign == sign_known, 'sign of the determinant')
+      call check_close(logarithm, known, 1.0e-11_wp, 'its logarithm')
+      call check_close(maxval(abs(right - x)), 0.0_wp, 1.0e-10_wp, 'solution', floor=1.0_wp)
+    end do
+  end subroutine compare_bordered
 
 end module test_dense
