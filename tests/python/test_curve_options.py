@@ -6,6 +6,7 @@ import warnings
 import numpy as np
 import pytest
 import viscovib as vv
+from viscovib.common import progress
 from viscovib.common.curve_options import OPTIONS, WHOLE
 from viscovib.common.parameters import TOLERANCE
 
@@ -72,3 +73,21 @@ def test_what_is_not_allowed_is_refused_by_every_face(tmp_path, name):
             scene.write_text(SYSTEM + group.format(f"{name}={value}"))
             with pytest.raises(vv.InputError, match=refused):
                 vv.run(scene)
+
+
+@pytest.mark.parametrize("shown", [False, True])
+def test_a_bar_counts_points_where_it_is_wanted(monkeypatch, capsys, shown):
+    monkeypatch.setattr(progress, "_PATIENCE", 0.001)
+    monkeypatch.setattr(progress, "_LOOK", 0.001)
+    branch = vv.trace_response(DUFFING, (0.3, 3), load=0.3, max_step=0.005, progress=shown)
+    curve = vv.backbone(DUFFING, 0, (0.01, 1), max_step=0.005, progress=shown)
+    assert branch.outcome == curve.outcome == "completed"
+    bars = capsys.readouterr().err
+    assert bars.count(" points") >= 2 if shown else not bars
+
+
+def test_a_bar_is_wanted_or_not():
+    with pytest.raises(vv.InputError, match="progress"):
+        vv.trace_response(DUFFING, (0.3, 3), load=0.3, progress=2)
+    with pytest.raises(TypeError, match="progres"):
+        vv.trace_response(DUFFING, (0.3, 3), load=0.3, progres=True)

@@ -17,10 +17,12 @@ from viscovib.common.curve_options import CurveKeywords
 from viscovib.common.parameters import (
     OSCILLATOR,
     PENDULUM,
+    PROGRESS,
     Taken,
     with_curve,
     with_curve_options,
 )
+from viscovib.common.progress import counted_pieces
 from viscovib.results.branch import Branch
 from viscovib.results.curves import BranchPoint
 from viscovib.systems.load import LoadLike
@@ -36,6 +38,7 @@ class _CurveOptions(CurveKeywords, total=False):
 
     harmonics: int | str
     rtol: float | None
+    progress: bool
 
 
 class _TraceOptions(_CurveOptions, total=False):
@@ -108,6 +111,7 @@ def trace_response(
     subharmonic: int = 1,
     max_denominator: int = 12,
     coordinates: Sequence[str] | None = None,
+    progress: bool = False,
     **curve: Unpack[CurveKeywords],
 ) -> Branch | DrivenBranch:
     """Follow a branch of steady motions through its folds.
@@ -192,6 +196,8 @@ def trace_response(
     coordinates : sequence of str
         Of a structure: which of its coordinates the result holds; default all up to 64, else those
         that elements and loads touch. ``result.at(...)`` shows others.
+    progress : bool
+        Show how many points are done, if that takes longer than half a second.
 
     Returns
     -------
@@ -224,12 +230,14 @@ def trace_response(
     >>> vv.trace_response(duffing, (0.3, 3), load=0.3).folds.size
     2
     """
-    given = with_curve(locals(), "trace_response")
-    if isinstance(system, Pendulum):
-        return trace_pendulum(**_TRACE_PENDULUM.of(given))
-    if not isinstance(system, _STEADY):
-        check_instance("system", system, *_STEADY)
-    return trace_mount(**_TRACE_MOUNT.of(given))
+    # The bar is the same whatever the system.
+    given = with_curve(locals() | {"progress": False}, "trace_response")
+    with counted_pieces(PROGRESS.check(progress)):
+        if isinstance(system, Pendulum):
+            return trace_pendulum(**_TRACE_PENDULUM.of(given))
+        if not isinstance(system, _STEADY):
+            check_instance("system", system, *_STEADY)
+        return trace_mount(**_TRACE_MOUNT.of(given))
 
 
 @overload
@@ -273,6 +281,7 @@ def backbone(
     stability: bool | None = None,
     subharmonic: int = 1,
     coordinates: Sequence[str] | None = None,
+    progress: bool = False,
     **curve: Unpack[CurveKeywords],
 ) -> Backbone:
     """Follow the free motions that grow from a linear mode: frequency against amplitude.
@@ -321,6 +330,8 @@ def backbone(
         that the motion in z feeds.
     coordinates : sequence of str
         Of a structure: which of its coordinates the result holds, as for `trace_response`.
+    progress : bool
+        As for `trace_response`.
 
     Returns
     -------
@@ -351,12 +362,14 @@ def backbone(
     >>> round(vv.backbone(duffing, 0, (0.01, 1)).nu[-1], 3)  # of one harmonic alone: sqrt(7/4)
     np.float64(1.328)
     """
-    given = with_curve(locals(), "backbone")
-    if isinstance(system, Pendulum):
-        return pendulum_backbone(**_PENDULUM_BACKBONE.of(given))
-    if not isinstance(system, _STEADY):
-        check_instance("system", system, *_STEADY)
-    return oscillator_backbone(**_OSCILLATOR_BACKBONE.of(given))
+    # The bar is the same whatever the system.
+    given = with_curve(locals() | {"progress": False}, "backbone")
+    with counted_pieces(PROGRESS.check(progress)):
+        if isinstance(system, Pendulum):
+            return pendulum_backbone(**_PENDULUM_BACKBONE.of(given))
+        if not isinstance(system, _STEADY):
+            check_instance("system", system, *_STEADY)
+        return oscillator_backbone(**_OSCILLATOR_BACKBONE.of(given))
 
 
 _STEADY = (Mount, PolynomialSystem, Structure, Pendulum)
