@@ -12,13 +12,15 @@ module viscovib_curve_record
 
   !> How a branch ended: at the wanted end; back where it began; points used up; no
   !! step small enough; out of the range of numbers; at the end of what the equations
-  !! describe; closed, back at its first point; the time for it over; as many folds as wanted.
+  !! describe; closed, back at its first point; the time for it over; as many folds as wanted;
+  !! where the unknowns kept no longer hold the solution.
   integer, parameter, public :: curve_completed = 0, curve_returned = 1, curve_step_limit = 2, &
                                 curve_stuck = 3, curve_overflow = 4, curve_unphysical = 5, &
-                                curve_closed = 6, curve_stopped = 7, curve_fold_limit = 8
-  character(len=*), parameter, public :: curve_outcomes(0:8) = &
+                                curve_closed = 6, curve_stopped = 7, curve_fold_limit = 8, &
+                                curve_unresolved = 9
+  character(len=*), parameter, public :: curve_outcomes(0:9) = &
     [character(len=10) :: 'completed', 'returned', 'step limit', 'stuck', 'overflow', &
-     'unphysical', 'closed', 'stopped', 'fold limit']
+     'unphysical', 'closed', 'stopped', 'fold limit', 'unresolved']
 
   !> How far a fold may be moved, in units of its estimated error.
   real(wp), parameter :: past_fold = 2.0_wp
@@ -50,6 +52,7 @@ module viscovib_curve_record
   contains
     procedure :: end_with_numbers
     procedure :: end_before
+    procedure :: end_resolved
     procedure :: doubt_beside_folds
     procedure :: make_room
     procedure :: add
@@ -165,5 +168,19 @@ contains
     self%branch_points%n = count(self%branch_points%before(:self%branch_points%n) < i)
     self%stops = pack(self%stops, self%stops < i)
   end subroutine end_before
+
+  !> From where the unknowns left out are as large as those kept, to its end, a branch is not one of
+  !! solutions, as beside a homoclinic orbit, whose period is without bounds: it ends before.
+  pure subroutine end_resolved(self)
+    class(curve_branch_type), intent(inout) :: self
+    integer :: i
+
+    do i = self%n_points, 2, -1
+      if (self%truncation(i) < 1.0_wp) exit
+    end do
+    if (i >= self%n_points) return
+    call self%end_before(i + 1)
+    self%outcome = curve_unresolved
+  end subroutine end_resolved
 
 end module viscovib_curve_record

@@ -72,9 +72,10 @@ contains
       call branch%end_with_numbers()
       orders = set%orders
       call judge(plan, set, search, branch, again, cancel)
-      if (.not. again) return
+      if (.not. again) exit
       call new_harmonic_set(set, search%highest, plan%set%half_wave, plan%system%degree)
     end do
+    call branch%end_resolved()
   end subroutine follow_backbone
 
   !> The branch with certain orders.

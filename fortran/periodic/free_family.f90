@@ -96,6 +96,7 @@ contains
                                        direction(size(x) + 1:)]
       x = refitted(system%n_dof, x, n)
     end do
+    call branch%end_resolved()
     family%orders = curve%motion%torus%orders(1, :)
     call keep(family, curve, options, branch, size(x), cancel)
   end subroutine follow_family

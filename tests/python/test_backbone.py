@@ -8,7 +8,8 @@ import pytest
 import viscovib as vv
 from scipy.integrate import solve_ivp
 from scipy.linalg import eig
-from scipy.special import ellipk
+from scipy.optimize import brentq
+from scipy.special import ellipe, ellipk, ellipkm1
 from tables import lines_without_plan
 
 matplotlib.use("Agg")
@@ -279,6 +280,43 @@ def test_truncation_is_what_more_orders_change(seed):
             (0, 2 * np.pi / chosen.nu[i]), start, "DOP853", rtol=1e-12, atol=1e-14,
         ).y[:, -1]  # fmt: skip
         assert np.abs(end - start).max() < 2e-8 * np.abs(start).max()
+
+
+def beside_homoclinic(nu, q, orders):
+    """Cosines of x'' + x - q x^2 = 0 at a frequency: x = e3 - d dn^2, by its Fourier series."""
+
+    def shape(log_rest):
+        rest = np.exp(log_rest)  # 1 - m
+        size, quarter = 1.5 / q / np.sqrt(1 - rest + rest**2), ellipkm1(rest)
+        return rest, size, quarter, np.pi * np.sqrt(2 * q * size / 3) / (2 * quarter)
+
+    rest, size, quarter, _ = shape(brentq(lambda x: shape(x)[-1] - nu, -690, -1e-12, xtol=1e-14))
+    nome, k = np.exp(-np.pi * ellipk(rest) / quarter), np.maximum(orders, 1)
+    waves = -size * 2 * (np.pi / quarter) ** 2 * k * (-nome) ** k / (1 - nome ** (2 * k))
+    mean = (1.5 / q - size * (2 - rest)) / 3 + size * (1 - ellipe(1 - rest) / quarter)
+    return np.where(orders == 0, mean, waves)
+
+
+@pytest.mark.parametrize("harmonics", [9, "auto"])
+@pytest.mark.parametrize("seed", range(3))
+def test_beside_a_homoclinic_orbit_the_curve_ends_where_harmonics_hold_the_motion(seed, harmonics):
+    """Up to its end motions are those of the closed form, by what truncation tells."""
+    q = np.random.default_rng(seed).uniform(0.3, 1.5)
+    system = vv.PolynomialSystem(mass=1, stiffness=1, forces=f"-{q}*x^2", names=["x"])
+    with pytest.warns(vv.ConvergenceWarning, match="do not reach"):
+        b = vv.backbone(system, 0, (0.01 / q, 5 / q), harmonics=harmonics)
+    assert b.outcome == "unresolved"
+    assert not b.complete
+    assert (b.truncation < 1).all()
+    assert 0 < b.nu[-1] == b.nu.min() < 0.2
+    orders = np.arange(300)
+    judged = np.flatnonzero((b.truncation > 1e-7) & (b.truncation < 0.3))
+    assert judged.size >= 10
+    for i in judged:
+        own = np.zeros(orders.size)
+        own[b.harmonics] = b.coefficients[i, 0].imag
+        apart = np.linalg.norm(own - beside_homoclinic(b.nu[i], q, orders)) / np.linalg.norm(own)
+        assert apart < 1.5 * b.truncation[i]
 
 
 def test_internal_resonance_turns_the_curve_back():

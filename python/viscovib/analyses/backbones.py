@@ -78,7 +78,10 @@ class Backbone(PeriodicMotions, Result):
         no smaller step helps;
         "returned": back at the size it began with, as where modes are in internal resonance and
         the motion becomes one of a higher mode; "closed": back at the first point; "overflow";
-        "unphysical": no motion oscillates beyond; of a pendulum, it reaches z = -1.
+        "unphysical": no motion oscillates beyond; of a pendulum, it reaches z = -1; "unresolved":
+        the harmonics no longer hold the motion, as beside a homoclinic orbit, where the period
+        grows without bounds: orders left out are as large as those kept in all that was followed
+        beyond the last point.
     plan : Plan
         What was computed, what was skipped and why.
     varies : str
