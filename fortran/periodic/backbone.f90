@@ -11,6 +11,7 @@ module viscovib_backbone
   use viscovib_backbone_plan, only: backbone_plan_type
   use viscovib_curve, only: curve_type
   use viscovib_curve_branch, only: curve_branch_type, curve_completed, curve_options, follow_curve
+  use viscovib_cycle_terms, only: has_kinks
   use viscovib_free_orders, only: order_search
   use viscovib_harmonic_balance, only: balance_type, new_balance
   use viscovib_harmonic_set, only: harmonic_set_type, new_harmonic_set
@@ -67,6 +68,7 @@ contains
     search%highest = set%orders(size(set%orders))
     search%most = merge(plan%most, search%highest, plan%chosen)
     search%tolerance = options%tolerance
+    search%kinked = has_kinks(plan%system)
     do
       call follow_with(plan, set, options, branch, cancel)
       call branch%end_with_numbers()

@@ -32,6 +32,8 @@ module viscovib_free_orders
   type :: order_search
     integer :: highest = first_chosen, most = first_chosen
     real(wp) :: tolerance = 0.0_wp
+    !> Whether forces have kinks: orders then fall off as a power only, and beat.
+    logical :: kinked = .false.
     real(wp), private :: last = huge(1.0_wp)
     integer, private :: vain = 0
     !> The highest of the orders that are the largest of a point.
@@ -69,10 +71,13 @@ contains
     if (k > 0) self%main_order = max(self%main_order, orders(k))
   end subroutine look_at
 
-  !> The highest order of the set that judges the one looked at.
+  !> The highest order of the set that judges the one looked at. Beside kinks, where orders fall off
+  !! as k^-4, those of more than twice the highest make less than 1 % of those left out, and those
+  !! next to the highest may vanish between two beats.
   pure integer function judging_order(self)
     class(order_search), intent(in) :: self
-    judging_order = self%highest + max(fewest_beyond, 2*self%main_order)
+    judging_order = self%highest + max(fewest_beyond, 2*self%main_order, &
+                                       merge(self%highest + 1, 0, self%kinked))
   end function judging_order
 
   !> What more orders would change of each point of a curve: of the motion relative to its

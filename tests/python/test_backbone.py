@@ -319,6 +319,51 @@ def test_beside_a_homoclinic_orbit_the_curve_ends_where_harmonics_hold_the_motio
         assert apart < 1.5 * b.truncation[i]
 
 
+def over_gap(turn, w, k, gap, n=8192):
+    """Frequency and cosines of x'' + w^2 x + k max(x - gap, 0) = 0 from its lower turn, -turn."""
+    stiff = np.sqrt(w**2 + k)
+    free = (np.pi - np.arccos(gap / turn)) / w
+    speed, rest = w * np.sqrt(turn**2 - gap**2), -((w / stiff) ** 2) * gap
+    period = 2 * (free + (np.pi / 2 - np.arctan2(-rest * stiff, speed)) / stiff)
+    t = np.arange(n) / n * period
+    t = np.minimum(t, period - t)
+    beyond = stiff * (t - free)
+    x = gap + rest - rest * np.cos(beyond) + speed / stiff * np.sin(beyond)
+    cosines = np.fft.rfft(np.where(t < free, -turn * np.cos(w * t), x)).real / n
+    cosines[1:] *= 2
+    return 2 * np.pi / period, cosines
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_truncation_over_a_gap_is_that_of_all_orders(seed):
+    """Orders fall off as a power and beat: those next to the highest are not most of the rest."""
+    rng = np.random.default_rng(seed)
+    w, k, gap = rng.uniform(0.7, 1.4), 10 ** rng.uniform(-1, 1.5), rng.uniform(0.05, 0.5)
+    system = vv.PolynomialSystem(
+        mass=1, stiffness=w**2, forces=f"{k!r}*max(x - {gap!r}, 0)", names=["x"]
+    )
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", vv.ConvergenceWarning)
+        b = vv.backbone(
+            system, 0, (1.1 * gap, gap * rng.uniform(2, 6)), harmonics=int(rng.integers(5, 40))
+        )
+    for i in range(0, b.nu.size, 3):
+        own = np.zeros(4097)
+        own[b.harmonics] = b.coefficients[i, 0].imag
+        if own[1] > 0:
+            own *= (-1.0) ** np.arange(own.size)  # from its other turn
+
+        def more(turn, own=own):
+            return over_gap(turn, w, k, gap)[1][1] - own[1]
+
+        lower = -own.sum()
+        if lower < 1.02 * gap:
+            continue
+        nu, true = over_gap(brentq(more, 0.99 * lower, 1.01 * lower, xtol=1e-14), w, k, gap)
+        apart = max(np.linalg.norm(own - true) / np.linalg.norm(own), abs(b.nu[i] / nu - 1))
+        assert b.truncation[i] == pytest.approx(apart, rel=0.05, abs=1e-8)
+
+
 def test_internal_resonance_turns_the_curve_back():
     """At 5:1 the first harmonic falls to where it began; what is left is a true motion."""
     body = {
