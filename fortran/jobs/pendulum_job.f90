@@ -15,6 +15,8 @@ module viscovib_pendulum_job
   public :: run_pendulum_job, plan_pendulum
 
   logical, parameter :: spring_only(3) = [.true., .false., .false.]
+  !> All numbers are other, each its own way: that brings as much as what `grown_of` adds.
+  real(wp), parameter :: part = shaken/8.0_wp
 
 contains
 
@@ -30,17 +32,17 @@ contains
     type(spring_type) :: other_spring
     type(pendulum_type) :: other
 
-    call new_pendulum(other, pendulum%parameters%shaken(shaken), status)
+    call new_pendulum(other, pendulum%parameters%shaken(part), status)
     if (status%failed()) return
     if (swings(pendulum, job%initial) .or. allocated(job%watched)) then
-      call run_transient(job, pendulum, fastest, trajectory, status, other)
+      call run_transient(job, pendulum, fastest, trajectory, status, other, part)
       return
     end if
     call new_spring(spring, pendulum)
     call new_spring(other_spring, other)
     part_job = job
     part_job%initial = job%initial(:2)
-    call run_transient(part_job, spring, fastest, trajectory, status, other_spring)
+    call run_transient(part_job, spring, fastest, trajectory, status, other_spring, part)
     if (.not. status%failed()) call trajectory%spread_out(spring_only)
   end subroutine run_pendulum_job
 

@@ -14,6 +14,7 @@ module viscovib_polynomial_job
   use viscovib_polynomial_motion, only: polynomial_motion_type
   use viscovib_reduction, only: moved_coordinates, reduce, state_mask
   use viscovib_status, only: status_type, things
+  use viscovib_trajectory, only: shaken
   use viscovib_transient_job, only: driven_runs, first_steps, make_runs, run_maker, &
     run_transient, trajectory_type, transient_job
   use viscovib_transient_plan, only: plan_transient
@@ -31,8 +32,11 @@ module viscovib_polynomial_job
     type(load_type), pointer :: load => null()
     real(wp) :: nu = 0.0_wp
     type(polynomial_motion_type), pointer :: motion => null()
+    !> As of `driven_runs`.
+    type(polynomial_type), pointer :: other => null()
   contains
     procedure :: make => make_fitted
+    procedure :: make_shaken => make_other
   end type fitted_runs
 
 contains
@@ -111,6 +115,22 @@ contains
     trajectory%represented = shared_error
   end subroutine make_fitted
 
+  subroutine make_other(self, job, n, thinning, sign, trajectory, status)
+    class(fitted_runs), intent(in) :: self
+    class(transient_job), intent(in) :: job
+    integer(i8), intent(in) :: n
+    integer, intent(in) :: thinning, sign
+    type(trajectory_type), intent(out) :: trajectory
+    type(status_type), intent(out) :: status
+    type(fitted_runs) :: maker
+    class(transient_job), allocatable :: begun
+    maker = self
+    maker%remembering => self%other
+    allocate (begun, source=job)
+    begun%initial = job%initial*(1.0_wp + sign*shaken)
+    call maker%make(begun, n, thinning, trajectory, status)
+  end subroutine make_other
+
   !> The same with all coordinates.
   subroutine run_whole(job, system, load, nu, fastest, trajectory, status)
     type(transient_job), intent(in) :: job
@@ -119,23 +139,33 @@ contains
     real(wp), intent(in) :: nu, fastest
     type(trajectory_type), intent(out) :: trajectory
     type(status_type), intent(out) :: status
-    type(polynomial_motion_type), target :: motion
+    type(polynomial_motion_type), target :: motion, other_motion
+    type(polynomial_type), target :: other
     type(fitted_runs) :: maker
 
     call new_fitted_motion(motion, system, load, nu, 1.0_wp, 1.0_wp, status)
     if (status%failed()) return
     if (counting) call count_up(counted_idle, count( &
                                 .not. moved_coordinates(system, driven(job, system, load))))
+    ! With the start forces have other arguments, u/(1 + s), and other values, by 1 + 2 s.
+    other = system
+    other%mass = system%mass*(1.0_wp - 2.0_wp*shaken)
     if (.not. needs_fit(system)) then
-      if (allocated(job%held)) call begin_hidden(motion, system, system, job%held, status)
+      call new_fitted_motion(other_motion, other, load, nu, 1.0_wp, 1.0_wp, status)
       if (status%failed()) return
-      call run_transient(job, motion, fastest, trajectory, status)
+      if (allocated(job%held)) then
+        call begin_hidden(motion, system, system, job%held, status)
+        if (.not. status%failed()) call begin_hidden(other_motion, other, other, job%held, status)
+        if (status%failed()) return
+      end if
+      call run_transient(job, motion, fastest, trajectory, status, other_motion)
       return
     end if
     maker%remembering => system
     maker%load => load
     maker%nu = nu
     maker%motion => motion
+    maker%other => other
     call make_runs(maker, job, job%t_end*fastest/(0.5_wp*pi), trajectory, status)
   end subroutine run_whole
 

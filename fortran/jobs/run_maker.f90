@@ -65,16 +65,17 @@ module viscovib_run_maker
 
 contains
 
-  !> The same run of a system whose numbers are other by `shaken`; no states: there is no such run.
-  subroutine make_shaken(self, job, n, thinning, trajectory, status)
+  !> The same run of a system of which numbers and arguments of forces are other by `shaken`, and the
+  !! start by so much of this sign; no states: there is no such run.
+  subroutine make_shaken(self, job, n, thinning, sign, trajectory, status)
     class(run_maker), intent(in) :: self
     class(transient_job), intent(in) :: job
     integer(i8), intent(in) :: n
-    integer, intent(in) :: thinning
+    integer, intent(in) :: thinning, sign
     type(trajectory_type), intent(out) :: trajectory
     type(status_type), intent(out) :: status
     call set_ok(status)
-    if (same_type_as(self, self) .and. size(job%initial) > n/thinning) return
+    if (same_type_as(self, self) .and. size(job%initial) > n/thinning*sign) return
   end subroutine make_shaken
 
   !> Tell states of a run by numbers that can be compared to those of another.

@@ -7,13 +7,22 @@ module viscovib_trajectory
   implicit none
   private
 
-  public :: trajectory_type, change_of, compare, grown_of, hopeless, off_of
+  public :: trajectory_type, change_of, compare, growth_is_told, grown_of, hopeless, off_of
+  public :: rounding_of
 
   !> What halving the step gains of errors where steps go over kinks of forces.
   real(wp), parameter :: gain_at_kinks = 4.0_wp
 
-  !> Relative change of the numbers of a system that tells what their roundings become.
+  !> Relative change of what a run computes with that tells what roundings become; roundings of every
+  !! step and number have their own directions, of which one run tells one; part of a motion up to
+  !! which what becomes of a shake is linear.
   real(wp), parameter, public :: shaken = 0.5_wp**40
+  real(wp), parameter :: safety = 8.0_wp, linear = 0.1_wp
+
+  !> Parts of a run that are looked at; how far beyond rounding a difference is that holds what
+  !! rounding adds in one of them, and by how much it may rise where nothing grows by itself.
+  integer, parameter :: windows = 8
+  real(wp), parameter :: beyond = 1024.0_wp, steady = 16.0_wp
 
   !> Halvings of the step before a tolerance is given up, and while two runs end unlike each
   !! other.
@@ -74,16 +83,84 @@ contains
     end if
   end function off_of
 
-  !> What roundings of a system's numbers become along a run, of each row of states. They are the
-  !! same in runs in any steps, whose difference does not tell them. `other`: the run of numbers
-  !! that are other by `shaken`, small enough for what becomes of it to be linear.
+  !> What roundings become along a run, of each row of states where both are whole. Those of numbers
+  !! of a system are the same in runs in any steps, whose difference does not tell them, and of those
+  !! of steps one difference may be small by chance. `other`: the run in the same steps of a system
+  !! of which numbers, start and arguments of forces are other by `shaken`, small enough for what
+  !! becomes of it to be linear.
   pure function grown_of(run, other) result(grown)
     type(trajectory_type), intent(in) :: run, other
     real(wp) :: grown(size(run%states, 1))
+    real(wp), parameter :: part = safety*epsilon(1.0_wp)/shaken
     grown = huge(1.0_wp)
     if (other%outcome /= run%outcome) return
-    grown = epsilon(1.0_wp)/shaken*maxval(abs(other%states - run%states), 2)
+    if (run%outcome /= run_completed) then
+      grown = change_of(run, other)
+      if (all(grown < huge(1.0_wp))) grown = part*grown
+      return
+    end if
+    grown = maxval(abs(other%states - run%states), 2)
+    ! What has become as large as the motion says nothing of what is smaller.
+    where (grown <= linear*maxval(abs(run%states), 2)) grown = part*grown
   end function grown_of
+
+  !> Whether the difference of two runs tells what roundings become, or that they do not grow. Errors
+  !! of steps and roundings grow alike: where in every part of a run two differ by far more than
+  !! rounding, so do their ends by far more than what becomes of it. Where their difference does not
+  !! rise from any part to a later one nothing grows by itself.
+  pure logical function growth_is_told(coarse, fine)
+    type(trajectory_type), intent(in) :: coarse, fine
+    growth_is_told = .false.
+    if (coarse%outcome /= run_completed .or. fine%outcome /= run_completed) return
+    if (allocated(coarse%looks) .and. allocated(fine%looks)) then
+      growth_is_told = tell_growth(coarse%looks, fine%looks)
+    else
+      growth_is_told = tell_growth(coarse%states, fine%states)
+    end if
+  end function growth_is_told
+
+  !> The same of states of two runs, a column each.
+  pure logical function tell_growth(coarse, fine)
+    real(wp), intent(in) :: coarse(:, :), fine(:, :)
+    real(wp) :: off, rounding, least
+    logical :: is_beyond, is_steady
+    integer :: i, k, n
+    tell_growth = .false.
+    n = size(fine, 2)
+    if (n <= 2*windows .or. size(coarse, 2) /= n) return
+    do i = 1, size(fine, 1)
+      rounding = epsilon(1.0_wp)*maxval(abs(fine(i, :)))
+      least = huge(1.0_wp)
+      is_beyond = .true.
+      is_steady = .true.
+      do k = 0, windows - 1
+        associate (here => k*n/windows + 1, there => (k + 1)*n/windows)
+          off = maxval(abs(fine(i, here:there) - coarse(i, here:there)))
+        end associate
+        least = min(least, max(off, rounding, 1.0e-300_wp))
+        is_beyond = is_beyond .and. off >= beyond*rounding
+        is_steady = is_steady .and. off <= steady*least
+      end do
+      if (.not. (is_beyond .or. is_steady)) return
+    end do
+    tell_growth = .true.
+  end function tell_growth
+
+  !> What rounding leaves of a motion: of its states, of what stands for kernels, and what it moves
+  !! within what times of its states, and paces of it, are rounded.
+  pure real(wp) function rounding_of(run) result(rounding)
+    type(trajectory_type), intent(in) :: run
+    real(wp) :: pace
+    integer :: i
+    rounding = max(4.0_wp*epsilon(1.0_wp), run%represented)*maxval(abs(run%states))
+    if (run%outcome /= run_completed) return
+    do i = 1, size(run%t)
+      pace = maxval(abs(run%states(2::2, i)))
+      if (i > 1) pace = max(pace, maxval(abs(run%states(:, i) - run%states(:, i - 1))) &
+                            /(run%t(i) - run%t(i - 1)))
+      rounding = max(rounding, epsilon(1.0_wp)*(pace*run%t(i)))
+    end do
+  end function rounding_of
 
   !> Where steps go over kinks two runs may be wrong alike: what a kink spoils in a step depends on
   !! where in it it is, and has either sign. Then the run before, in steps twice as long, differs

@@ -2,17 +2,15 @@
 !! step given or found.
 module viscovib_transient_job
   use viscovib_constants, only: pi
-  use viscovib_counters, only: count_up, counted_runs, counting
+  use viscovib_driven_runs, only: driven_runs
   use viscovib_driven_system, only: driven_system_type
   use viscovib_kinds, only: i8, wp
   use viscovib_limits, only: min_time_tolerance
-  use viscovib_method_catalogue, only: new_stepper
   use viscovib_run_maker, only: run_maker, transient_job
-  use viscovib_simulate, only: run_completed, run_names, run_stopped, simulate
+  use viscovib_simulate, only: run_completed, run_names, run_stopped
   use viscovib_status, only: fail, set_ok, show, status_input_error, status_type
-  use viscovib_stepper, only: stepper_type
-  use viscovib_trajectory, only: change_of, compare, grown_of, hopeless, off_of, trajectory_type
-  use viscovib_watch, only: new_watch, renumbered
+  use viscovib_trajectory, only: change_of, compare, grown_of, growth_is_told, hopeless, off_of, &
+    rounding_of, trajectory_type
   implicit none
   private
 
@@ -39,23 +37,22 @@ module viscovib_transient_job
   !! that are kept for it at most.
   real(wp), parameter :: peaks = 2.0e-3_wp, most_states = 1.0e5_wp
   integer, parameter :: most_parts = 64
-  !> Part of a motion within which a run is near enough to it to tell what roundings become.
-  real(wp), parameter :: near = 1.0e-3_wp
+  !> Part of a motion within which a run is near enough to it to tell what roundings become; what
+  !! a motion is left with where they do not grow.
+  real(wp), parameter :: near = 1.0e-3_wp, few_roundings = 64.0_wp*4.0_wp*epsilon(1.0_wp)
   !> How far runs may differ on the way to a last state.
   real(wp), parameter :: one_motion = 1.0e-6_wp
   !> States that a run which stops keeps at least; halvings of the step by which these are made
   !! exact, before they are given up.
   integer, parameter :: states_at_stop = 100, halvings_at_stop = 6
 
-  !> Runs of a system without memory.
-  type, extends(run_maker) :: driven_runs
-    class(driven_system_type), pointer :: system => null()
-    !> One whose numbers are other by `shaken`; null: not known.
-    class(driven_system_type), pointer :: other => null()
-  contains
-    procedure :: make => make_driven
-    procedure :: make_shaken => make_other
-  end type driven_runs
+  !> What roundings become along a motion, of each row of states (not allocated: not looked at), and
+  !! the first run that is near enough to tell, in steps shorter by the factor.
+  type :: growth_type
+    type(trajectory_type) :: run
+    integer :: factor = 0
+    real(wp), allocatable :: grown(:)
+  end type growth_type
 
 contains
 
@@ -72,19 +69,21 @@ contains
     end if
   end function first_steps
 
-  subroutine run_transient(job, system, fastest, trajectory, status, other)
+  subroutine run_transient(job, system, fastest, trajectory, status, other, part)
     class(transient_job), intent(in) :: job
     class(driven_system_type), intent(in), target :: system
     !> Fastest frequency of the system and its loads: four steps a period to begin with.
     real(wp), intent(in) :: fastest
     type(trajectory_type), intent(out) :: trajectory
     type(status_type), intent(out) :: status
-    !> One whose numbers are other by `shaken`.
+    !> As of `driven_runs`.
     class(driven_system_type), intent(in), target, optional :: other
+    real(wp), intent(in), optional :: part
     type(driven_runs) :: maker
 
     maker%system => system
     if (present(other)) maker%other => other
+    if (present(part)) maker%part = part
     call make_runs(maker, job, job%t_end*fastest/(0.5_wp*pi), trajectory, status)
   end subroutine run_transient
 
@@ -99,7 +98,8 @@ contains
     type(status_type), intent(out) :: status
     type(trajectory_type) :: coarse
     real(wp) :: n, change, changes(max_halvings)
-    real(wp), allocatable :: lost(:), grown(:)
+    real(wp), allocatable :: lost(:)
+    type(growth_type) :: growth
     integer :: i, factor, n_changes
     logical :: met
 
@@ -128,8 +128,8 @@ contains
       call maker%align(coarse, trajectory)
       call judge(maker, job, int(n, i8), factor, coarse, trajectory, lost, change, met, status)
       if (status%failed()) return
-      call look_at_growth(maker, job, int(n, i8), factor, coarse, trajectory, grown, change, met, &
-                          status)
+      call look_at_growth(maker, job, int(n, i8), factor, coarse, trajectory, growth, change, &
+                          met, status)
       if (status%failed()) return
       if (met .and. trajectory%too_long > 1.0_wp) then
         ! Two runs agree that have both missed a layer.
@@ -140,8 +140,7 @@ contains
       if (met) then
         call fill_in(maker, job, int(n, i8), factor, trajectory, change)
         ! Nothing but rest has no error at all.
-        trajectory%error = max(change, max(4.0_wp*epsilon(1.0_wp), trajectory%represented) &
-                               *maxval(abs(trajectory%states)))
+        trajectory%error = max(change, rounding_of(trajectory))
         if (trajectory%outcome /= run_completed) then
           ! Where it stops is found by the same small steps every time.
           trajectory%error = max(trajectory%error, located*max(1.0_wp, trajectory%t_reached))
@@ -224,34 +223,48 @@ contains
     call compare(coarse, fine, allowed, lost, change, met)
   end subroutine judge
 
-  !> What roundings of the system's numbers have grown to counts, too: all runs have it alike. It is
-  !! looked at once, by a run that is near enough to the motion.
-  subroutine look_at_growth(maker, job, n, factor, coarse, fine, grown, change, met, status)
+  !> What roundings have grown to counts, too: once, as rough as will do, and only where the runs at
+  !! hand do not tell it. What start and numbers bring may cancel: where it grows both signs count.
+  subroutine look_at_growth(maker, job, n, factor, coarse, fine, growth, change, met, status)
     class(run_maker), intent(in) :: maker
     class(transient_job), intent(in) :: job
     integer(i8), intent(in) :: n
     integer, intent(in) :: factor
     type(trajectory_type), intent(in) :: coarse, fine
-    real(wp), allocatable, intent(inout) :: grown(:)
+    type(growth_type), intent(inout) :: growth
     real(wp), intent(inout) :: change
     logical, intent(in) :: met
     type(status_type), intent(out) :: status
     type(trajectory_type) :: other
+    real(wp) :: allowed(size(fine%states, 1)), grown(size(fine%states, 1))
+    integer :: sign
     call set_ok(status)
-    if (coarse%outcome /= run_completed .or. fine%outcome /= run_completed) return
-    if (.not. allocated(grown) .and. (met .or. change <= near*maxval(abs(fine%states)))) then
-      call maker%make_shaken(job, n*(factor/2), factor/2, other, status)
-      if (status%failed()) return
-      if (allocated(other%states)) grown = grown_of(coarse, other)
+    if (growth%factor == 0 .and. (met .or. change <= near*maxval(abs(fine%states)))) then
+      growth%run = coarse
+      growth%factor = factor/2
     end if
-    if (.not. met .or. .not. allocated(grown)) return
-    change = max(change, maxval(grown))
-    if (all(grown <= job%allowed(fine%states))) return
+    if (.not. met) return
+    if (.not. allocated(growth%grown)) then
+      if (growth_is_told(coarse, fine)) return
+      do sign = 1, -1, -2
+        call maker%make_shaken(job, n*growth%factor, growth%factor, sign, other, status)
+        if (status%failed() .or. .not. allocated(other%states)) return
+        call maker%align(other, growth%run)
+        grown = grown_of(growth%run, other)
+        if (sign == -1) grown = max(grown, growth%grown)
+        growth%grown = grown
+        if (all(grown <= few_roundings*maxval(abs(growth%run%states)))) exit
+      end do
+    end if
+    change = max(change, maxval(growth%grown))
+    allowed = job%allowed_at_stop(fine)
+    if (fine%outcome == run_completed) allowed = job%allowed(fine%states)
+    if (all(growth%grown <= allowed)) return
     call fail(status, status_input_error, 'tolerance', told(job)//': not met: the motion makes ' &
-              //'roundings of the numbers of the system '//show(maxval(grown)/epsilon(1.0_wp)) &
-              //' times as large until t = '//show(fine%t_reached)//', which leaves an error of ' &
-              //show(maxval(grown))//': the motion is chaotic or unstable, take a shorter run or ' &
-              //'a larger tolerance')
+              //'roundings of the numbers of the system ' &
+              //show(maxval(growth%grown)/epsilon(1.0_wp))//' times as large until t = ' &
+              //show(fine%t_reached)//', which leaves an error of '//show(maxval(growth%grown)) &
+              //': the motion is chaotic or unstable, take a shorter run or a larger tolerance')
   end subroutine look_at_growth
 
   !> By how much two runs that keep the last state alone differ on the way, where that tells that
@@ -409,73 +422,5 @@ contains
       return
     end do
   end subroutine fill_in_to_stop
-
-  subroutine make_other(self, job, n, thinning, trajectory, status)
-    class(driven_runs), intent(in) :: self
-    class(transient_job), intent(in) :: job
-    integer(i8), intent(in) :: n
-    integer, intent(in) :: thinning
-    type(trajectory_type), intent(out) :: trajectory
-    type(status_type), intent(out) :: status
-    type(driven_runs) :: maker
-    call set_ok(status)
-    if (.not. associated(self%other)) return
-    maker%system => self%other
-    call maker%make(job, n, thinning, trajectory, status)
-  end subroutine make_other
-
-  subroutine make_driven(self, job, n, thinning, trajectory, status)
-    class(driven_runs), intent(in) :: self
-    class(transient_job), intent(in) :: job
-    integer(i8), intent(in) :: n
-    integer, intent(in) :: thinning
-    type(trajectory_type), intent(out) :: trajectory
-    type(status_type), intent(out) :: status
-    class(stepper_type), allocatable :: stepper
-    real(wp), allocatable :: states(:, :)
-    real(wp) :: no_times(0), no_states(size(job%initial), 0)
-    real(wp), dimension(self%system%n_dof) :: q, v
-    integer(i8) :: every, kept, i
-    integer :: j, m, n_reached
-
-    m = size(job%initial)/2
-    if (allocated(job%watched)) then
-      allocate (trajectory%watch)
-      call new_watch(trajectory%watch, renumbered(job%watched, m, [(j, j=1, self%system%n_dof)]))
-    end if
-    if (counting) call count_up(counted_runs, 1)
-    every = job%steps_apart(n, thinning)
-    trajectory%h = job%t_end/real(n, wp)
-    call set_ok(status)
-    call self%system%start(0.0_wp, job%initial(1::2), job%initial(2::2), q, v)
-    call new_stepper(stepper, self%system, job%method, q, v, 0.0_wp, trajectory%h, job%solved())
-    allocate (states(size(job%initial), n/every))
-    self%system%longest = max(self%system%longest, trajectory%h)
-    self%system%thin = trajectory%h/self%system%longest
-    call self%system%begin_anew()
-    call simulate(stepper, self%system, 0_i8, n, every, no_times, states, no_states, &
-                  trajectory%n_steps, n_reached, trajectory%t_reached, trajectory%outcome, &
-                  watch=trajectory%watch)
-    trajectory%last = job%initial
-    q = stepper%q
-    v = stepper%v
-    call self%system%add_base(trajectory%t_reached, q, v)
-    trajectory%last(1::2) = q(:m)
-    trajectory%last(2::2) = v(:m)
-    if (job%last_only) then
-      trajectory%t = [trajectory%t_reached]
-      allocate (trajectory%states(size(job%initial), 1))
-      trajectory%states(:, 1) = trajectory%last
-      trajectory%looks = states(:, :trajectory%n_steps/every)
-      return
-    end if
-    kept = trajectory%n_steps/every
-    allocate (trajectory%states(size(job%initial), kept + 1), trajectory%t(kept + 1))
-    trajectory%states(:, 1) = job%initial
-    trajectory%states(:, 2:) = states(:, :kept)
-    do i = 0, kept
-      trajectory%t(i + 1) = real(every*i, wp)*trajectory%h
-    end do
-  end subroutine make_driven
 
 end module viscovib_transient_job

@@ -18,7 +18,15 @@ from viscovib.analyses.hereditary import (
     table_of,
     warn_of_slow_mode,
 )
-from viscovib.analyses.runs import MAX_STEPS, Piece, Run, ThinLayers, nothing, starting_state
+from viscovib.analyses.runs import (
+    MAX_STEPS,
+    SHAKEN,
+    Piece,
+    Run,
+    ThinLayers,
+    nothing,
+    starting_state,
+)
 from viscovib.common.parameters import MAX_HARMONICS
 from viscovib.common.past import Past
 from viscovib.errors import InputError
@@ -56,6 +64,8 @@ REMEMBERING = ("gauss8",)
 AS_COORDINATES = ("auto", "exponentials")
 #: The same with coordinates of the core for exponentials that remember, as of `modal_frame`.
 MOST_IN_FRAME = 256
+#: Where masses begin in the numbers of a system.
+_MASS = 5
 #: Where the numbers of a system count its kernels; of structures they stand in elements alone.
 _N_KERNELS = 3
 #: How far beyond its end a run may go on: sums that stand for kernels reach as far.
@@ -264,6 +274,7 @@ class PolynomialRun(Run):
     """A run of a polynomial system without memory."""
 
     counts = "evaluations"
+    shaken = SHAKEN
     system: PolynomialSystem
 
     def __init__(
@@ -296,6 +307,13 @@ class PolynomialRun(Run):
     ) -> "PolynomialRun":
         """The same, the step last."""
         return cls(system, method, state, h, solved, job)
+
+    def shake(self, sign: int) -> None:
+        """The same: forces have other arguments, u/(1 + s), and other values, by 1 + 2 s."""
+        super().shake(sign)
+        flat = self.job[0].copy()
+        flat[_MASS : _MASS + self.state.size**2 // 4] *= 1 - 2 * self.shaken
+        self.job = (flat, *self.job[1:])
 
     def adopt(self, earlier: Run) -> None:
         """Go on from the end of an earlier run: elements remember."""
@@ -406,6 +424,8 @@ class _PendulumRun(Run):
     """A run of a pendulum."""
 
     counts = "evaluations"
+    #: All numbers are other, each its own way: that brings as much as what `estimates.grown` adds.
+    shaken = SHAKEN / 8
     system: Pendulum
 
     @classmethod
@@ -414,6 +434,11 @@ class _PendulumRun(Run):
     ) -> "_PendulumRun":
         """The same, the step last."""
         return cls(system, method, state, h, solved)
+
+    def shake(self, sign: int) -> None:
+        """The same, of the numbers of the pendulum."""
+        super().shake(sign)
+        self.system = self.system._shaken(self.shaken)
 
     def power(self, t: FloatArray, state: FloatArray) -> FloatArray:
         """Power of loads and damping."""

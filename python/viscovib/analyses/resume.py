@@ -9,6 +9,7 @@ import numpy as np
 
 from viscovib import _native
 from viscovib._native import FloatArray
+from viscovib.analyses.estimates import with_estimate
 from viscovib.analyses.events import Watch
 from viscovib.analyses.hereditary import NODES, MountMotion, hereditary_run_of, moving
 from viscovib.analyses.memoryless import (
@@ -17,7 +18,7 @@ from viscovib.analyses.memoryless import (
     pendulum_runs,
     polynomial_runs,
 )
-from viscovib.analyses.runs import Run, Wanted, again, nothing, with_estimate
+from viscovib.analyses.runs import Run, Wanted, again, nothing
 from viscovib.analyses.structure_motion import StructureMotion, structure_motion_of
 from viscovib.analyses.whole_structure import WholeRun, whole_runs
 from viscovib.common.counts import things

@@ -33,6 +33,8 @@ _MAX_KEPT = 2**27
 #: Steps of a first run whose step is to be found.
 MAX_FIRST_STEPS = 10**9
 ROUNDING = 1e-15
+#: Relative change of what a run computes with that tells what roundings become, a power of 2.
+SHAKEN = 2.0**-40
 #: Relative error of the time of a stop inside a step.
 LOCATED = 1e-12
 #: Halvings of the step before a tolerance is given up, and while two runs end unlike each other.
@@ -149,30 +151,19 @@ def told_in_one_way(run: Trajectory, like: Trajectory) -> Trajectory:
 def least_error(run: Trajectory) -> float:
     """What rounding leaves of states, and what stands for kernels, which no two runs tell."""
     part = 0.0 if run._resume is None else run._resume.represented
-    return max(rounding_of(run.state), part * float(np.abs(run.state).max(initial=0.0)))
+    size = float(np.abs(run.state).max(initial=0.0))
+    return max(rounding_of(run.state), part * size, _rounding_of_times(run))
 
 
-def with_estimate(
-    run: Trajectory, make: Callable[[int], Trajectory | None], begin: str = ""
-) -> Trajectory:
-    """The run with the error that others tell; ``make(k)``: in k times the steps, None: it stopped.
-
-    ``begin``: where the others do, if elsewhere.
-
-    Where steps go over kinks one beside the end of a step may be missed alike in halves of steps.
-    Thirds have other ends but those of whole steps.
-    """
-    factors = (2, 3) if run._resume is not None and run._resume.over_kinks else (2,)
-    finer = [make(factor) for factor in factors]
-    change = max(math.inf if fine is None else difference(run, fine) for fine in finer)
-    how = "by a run in half steps" if len(factors) == 1 else "by runs in half steps and thirds"
-    error = max(change, least_error(run))
-    return replace(run, error=error, _planned=partial(_plan_with_estimate, run, how + begin))
-
-
-def _plan_with_estimate(run: Trajectory, how: str) -> Plan:
-    words = "estimate of the error"
-    return run.plan.instead(words, f"computes: {words}, {how}")
+def _rounding_of_times(run: Trajectory) -> float:
+    """By how much a motion moves within what times of its states, and paces of it, are rounded."""
+    if run.outcome != "completed":
+        return 0.0
+    paces = np.abs(run.state[:, 1::2]).max(axis=1, initial=0.0)
+    if run.t.size > 1:
+        steps = np.abs(np.diff(run.state, axis=0)).max(axis=1) / np.diff(run.t)
+        paces[1:] = np.maximum(paces[1:], steps)
+    return float(np.finfo(float).eps * np.max(paces * run.t))
 
 
 class Piece(NamedTuple):
@@ -237,6 +228,8 @@ class Run(ABC):
     inside: ClassVar[bool] = False
     #: Thin layers of forces that steps may miss; those of a search for the step share them.
     layers: ThinLayers = ThinLayers()
+    #: By what part its start and numbers are other where it is shaken, 0: it cannot be.
+    shaken: ClassVar[float] = 0.0
     #: How many times as long the steps are as those whose nodes see every layer.
     too_long: float = 0.0
     #: Steps a native call takes at most: how often progress shows and Ctrl-C is heard.
@@ -279,6 +272,13 @@ class Run(ABC):
         """The same run in the steps of a mesh."""
         self.mesh, self.h = mesh, mesh.h
         return self
+
+    def shake(self, sign: int) -> None:
+        """Begin at a start, with a system, whose numbers are other by as much as `shaken`.
+
+        ``sign``: of what is added to the start.
+        """
+        self.state = self.state * (1 + sign * self.shaken)
 
     def adopt(self, earlier: Run) -> None:
         """Go on from the end of an earlier run, under the loads of this one."""

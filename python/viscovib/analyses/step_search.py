@@ -14,6 +14,7 @@ import numpy as np
 
 from viscovib._native import FloatArray
 from viscovib.analyses.accuracy import Accuracy, most_states, parts_for_peaks, reason
+from viscovib.analyses.estimates import Growth, looks_of
 from viscovib.analyses.runs import (
     LOCATED,
     NotMetError,
@@ -50,9 +51,6 @@ _STATES_AT_STOP, _MOST_PARTS = 100, 64
 _HALVINGS_AT_STOP = 6
 #: Runs of one motion differ by a smaller part of it anywhere.
 _ONE_MOTION = 1e-6
-#: Relative change of the numbers of a system that tells what their roundings become, a power of 2;
-#: part of a motion within which a run is near enough to it for that.
-SHAKEN, _NEAR = 2.0**-40, 1e-3
 _EPS = float(np.finfo(float).eps)
 #: What a run keeps of each time.
 _KEPT = ("t", "state", "deflections", "rates")
@@ -78,7 +76,7 @@ def by_tolerance(
     *,
     dense: bool = False,
     inside: bool = False,
-    shaken: Callable[[int, int], Trajectory] | None = None,
+    shaken: Callable[[int, int, int], Trajectory] | None = None,
 ) -> Trajectory:
     """Halve the step until the states kept change by no more than is allowed.
 
@@ -87,7 +85,7 @@ def by_tolerance(
     peaks between them are low; not where all of the past costs more with every step. These are
     found by the polynomials of the steps (``inside``: ``make`` takes more parts than the factor)
     where they change as little as those at the ends of steps, else by a run in steps as short.
-    ``shaken`` makes the same runs of a system whose numbers are other by `SHAKEN`.
+    ``shaken``: as of `Growth`.
     """
     inside = inside and not _ENDS_ALONE.get()
     least = min(_PARTS, most_states(n)) if dense and inside else 1
@@ -97,36 +95,34 @@ def by_tolerance(
         parts = max(2 * least, parts_for_peaks(_every(first, least)))
     changes: list[float] = []
     lost: FloatArray | None = None
-    grown: FloatArray | None = None
+    growth = Growth(shaken)
     while not hopeless(changes):
         factor *= 2
         fine = make(factor, parts)
         ends, ends_before = _every(fine, parts), _every(coarse, held)
         change = difference(ends_before, ends)
         completed = "completed" == coarse.outcome == fine.outcome
+        most = want.allowed(ends.state) if completed else _allowed_at_stop(ends, want)
         if completed:
             parted = _parted(coarse, fine, want)
             agreed = not parted and agree(ends_before, ends, want)
             change = max(change, parted)
-            near = agreed or change <= _NEAR * float(np.abs(ends.state).max())
-            if shaken is not None and grown is None and near:
-                grown = _grown(ends_before, shaken(factor // 2, 1))
-            if agreed and grown is not None:
-                change = max(change, float(grown.max()))
-                if (grown > want.allowed(ends.state)).any():
-                    raise NotMetError(_told_grown(want, ends, float(grown.max())))
         else:
-            agreed = change <= _allowed_at_stop(ends, want) and not 0 < fine.stats["steps"] < _FEW
+            agreed = change <= float(most) and not 0 < fine.stats["steps"] < _FEW
         if _over_kinks(fine):
             if agreed and lost is not None:
                 lost = np.maximum(lost, _off(make(factor + 1, 1), ends))
             agreed = agreed and lost is not None
             if lost is not None:
-                most = want.allowed(ends.state) if completed else _allowed_at_stop(ends, want)
                 agreed = agreed and bool((lost <= most).all())
                 change = max(change, float(lost.max()))
             # What the error of a run in steps half as long is, by its difference from this one.
             lost = _off(ends_before, ends) / _GAIN_AT_KINKS
+        rounding = growth.along(ends_before, factor // 2, ends, change, agreed=agreed)
+        if rounding is not None:
+            change = max(change, float(rounding.max()))
+            if (rounding > most).any():
+                raise NotMetError(_told_grown(want, ends, float(rounding.max())))
         if completed:
             if agreed:
                 if _too_long(fine):
@@ -194,15 +190,8 @@ def _over_kinks(run: Trajectory) -> bool:
     return run._resume is not None and run._resume.over_kinks
 
 
-def _grown(run: Trajectory, other: Trajectory) -> FloatArray:
-    """What roundings of a system's numbers become along a run, by columns.
-
-    They are the same in runs in any steps, whose difference does not tell them. ``other``: the
-    run of numbers that are other by `SHAKEN`, small enough for what becomes of it to be linear.
-    """
-    if other.outcome != run.outcome:
-        return np.full(run.state.shape[1], math.inf)
-    return np.asarray(_EPS / SHAKEN * np.abs(other.state - run.state).max(axis=0))
+def _size(run: Trajectory) -> float:
+    return float(np.abs(run.state).max(initial=0.0))
 
 
 def _told_grown(want: Accuracy, run: Trajectory, grown: float) -> str:
@@ -226,8 +215,8 @@ def _parted(coarse: Trajectory, fine: Trajectory, want: Accuracy) -> float:
 
     Motions that part, as those that pass through chaos do, may end alike by chance.
     """
-    looks = [np.array(run._resume.looks) for run in (coarse, fine) if run._resume is not None]
-    if len(looks) < 2 or not looks[0].size or looks[0].shape != looks[1].shape:
+    looks = looks_of(coarse, fine)
+    if not looks[0].size:
         return 0.0
     if getattr(fine.system, "_winds", False):
         looks[0] = told_like(looks[0], looks[1])
@@ -339,7 +328,7 @@ def _keeps_all(run: Trajectory) -> bool:
 
 def _allowed_at_stop(run: Trajectory, want: Accuracy) -> float:
     """Largest error allowed of a motion that stops: absolute of 1 or of a state that runs away."""
-    size = max(1.0, float(np.abs(run.state).max(initial=0.0)))
+    size = max(1.0, _size(run))
     return want.absolute * size + want.relative * max(size, run.t_reached)
 
 

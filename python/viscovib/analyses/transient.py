@@ -5,7 +5,8 @@ from __future__ import annotations
 import math
 import warnings
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 import numpy.typing as npt
@@ -13,6 +14,7 @@ import numpy.typing as npt
 from viscovib import _native
 from viscovib._native import FloatArray
 from viscovib.analyses.accuracy import Accuracy
+from viscovib.analyses.estimates import with_estimate
 from viscovib.analyses.events import Event, Watch
 from viscovib.analyses.hereditary import MountMotion
 from viscovib.analyses.memoryless import goes_as_pendulum, pendulum_runs, polynomial_runs
@@ -24,9 +26,8 @@ from viscovib.analyses.runs import (
     NotMetError,
     Run,
     Wanted,
-    with_estimate,
 )
-from viscovib.analyses.step_search import SHAKEN, by_tolerance
+from viscovib.analyses.step_search import by_tolerance
 from viscovib.analyses.structure_motion import (
     StructureMotion,
     goes_condensed,
@@ -155,7 +156,8 @@ def simulate(
         last less than a step, and located without memory by steps of their own.
     estimate_error : bool
         With ``dt`` given, run once more in half steps, from the first start on, and report the
-        largest difference of the states kept. In thirds, too, where steps go over kinks of laws.
+        largest difference of the states kept. In thirds, too, where steps go over kinks of laws;
+        with numbers that are other by 1e-12 where these do not tell what roundings become.
     progress : bool
         Show a progress bar.
 
@@ -253,8 +255,8 @@ def simulate(
         n = want.every * math.ceil(n / want.every)
         first = steps.make(end / n)
         inside = first.inside
+        shaken = steps.shaken(n) if first.shaken else None
         try:
-            shaken = _shaken(system, steps, initial, method, n)
             run = by_tolerance(steps.of(n), n, accuracy, dense=free, inside=inside, shaken=shaken)
             return _heard(run)
         except NotMetError:
@@ -266,7 +268,8 @@ def simulate(
             first.layers.seen = True
         else:
             steps, _ = prepared(_SHARPER)
-        return _heard(by_tolerance(steps.of(n), n, accuracy, dense=free, inside=inside))
+        run = by_tolerance(steps.of(n), n, accuracy, dense=free, inside=inside, shaken=shaken)
+        return _heard(run)
     return _heard(_with_step(steps, end, _native.number("dt", dt, " or 'auto'"), estimated))
 
 
@@ -386,7 +389,9 @@ class _Steps:
     want: Wanted
     progress: bool
 
-    def of(self, n: int, equal: int | None = None) -> Callable[[int, int], Trajectory]:
+    def of(
+        self, n: int, equal: int | None = None, shaken: int = 0, *, looking: bool = True
+    ) -> Callable[[int, int], Trajectory]:
         """Runs of a factor times n steps, of which states of a part are kept."""
         mesh, on_mesh = _mesh(
             self.breaks, self.end, self.end / n, self.at_first, self.want, equal=equal
@@ -394,15 +399,21 @@ class _Steps:
 
         looks = 0
         # Where all is kept nothing has to be looked at on the way.
-        if equal is None and (self.want.keep != "all" or self.want.times is not None):
+        if looking and (self.want.keep != "all" or self.want.times is not None):
             looks = max(_BETWEEN, (n if mesh is None else mesh.count) // _LOOKS)
+
+        def begun(h: float) -> Run:
+            made = self.make(h)
+            if shaken:
+                made.shake(shaken)
+            return made
 
         def run(factor: int, parts: int) -> Trajectory:
             if mesh is not None:
                 finer, kept = mesh.finer(factor), on_mesh
                 if parts > 1:
                     kept = self.want.at(mesh.all_times(parts))
-                made = self.make(finer.h).on(finer)
+                made = begun(finer.h).on(finer)
                 made.look_every = looks * factor
                 return made.steps(finer.count, kept, self.progress)
             steps = n * factor
@@ -410,21 +421,15 @@ class _Steps:
                 kept = self.want.at(np.linspace(0.0, self.end, n * parts + 1))
             else:
                 kept = self.want.finer(factor // parts)
-            made = self.make(self.end / steps)
+            made = begun(self.end / steps)
             made.look_every = looks * factor
             return made.steps(steps, kept, self.progress)
 
         return run
 
-
-def _shaken(
-    system: object, steps: _Steps, initial: npt.ArrayLike | None, method: str, n: int
-) -> Callable[[int, int], Trajectory] | None:
-    """Runs of a pendulum whose numbers are other by `SHAKEN`."""
-    if not isinstance(system, Pendulum):
-        return None
-    make, _ = pendulum_runs(system._shaken(SHAKEN), steps.end, initial, method, ROUNDING)
-    return replace(steps, make=make, progress=False).of(n)
+    def shaken(self, n: int, equal: int | None = None) -> Callable[[int, int, int], Trajectory]:
+        """The same, of runs that are shaken; the last number is the sign of it."""
+        return lambda factor, parts, sign: self.of(n, equal, sign)(factor, parts)
 
 
 def _with_step(steps: _Steps, end: float, step: float, estimated: bool) -> Trajectory:
@@ -434,7 +439,7 @@ def _with_step(steps: _Steps, end: float, step: float, estimated: bool) -> Traje
     if end / step > MAX_STEPS:
         raise InputError(f"dt = {step:g}: t_end / dt must be at most {MAX_STEPS:g}")
     n = math.ceil(end / step * (1 - 1e-12))
-    run = steps.of(n, equal=n)
+    run = steps.of(n, equal=n, looking=estimated)
     result = run(1, 1)
     if result.resolution is not None and result.resolution > _ROUGH:
         warnings.warn(
@@ -454,7 +459,10 @@ def _with_step(steps: _Steps, end: float, step: float, estimated: bool) -> Traje
     if told is not None:
         warnings.warn(f"dt = {step:g}: {told}", ConvergenceWarning, stacklevel=caller())
     if estimated:
-        return with_estimate(result, lambda k: run(k, 1))
+        shaken = None
+        if result._resume is not None and result._resume.shaken:
+            shaken = partial(steps.shaken(n, equal=n), 1, 1)
+        return with_estimate(result, lambda k: run(k, 1), shaken=shaken)
     return result
 
 

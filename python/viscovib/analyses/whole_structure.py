@@ -206,6 +206,8 @@ class WholeRun(PolynomialRun):
     """A run of a structure by its whole equations."""
 
     power: ClassVar[Any] = None
+    #: A start on a rigid stop must stay there.
+    shaken = 0.0
 
     def __init__(self, structure: Structure, places: _Places, like: PolynomialRun) -> None:
         super().__init__(like.system, like.method, like.state, like.h, like.solved, like.job)
