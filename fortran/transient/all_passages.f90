@@ -11,14 +11,14 @@ module viscovib_all_passages
   use viscovib_kinds, only: wp
   use viscovib_law_bounds, only: bounds_of, inside, nowhere, range_type
   use viscovib_law_branches, only: signal_type
-  use viscovib_law_functions, only: degree_of, operands, put_argument, wall
+  use viscovib_law_functions, only: put_argument, wall
   use viscovib_law_program, only: law_program
   use viscovib_quadrature, only: lagrange, lagrange_factors
   use viscovib_step_path, only: step_path
   implicit none
   private
 
-  public :: passage_search, is_bent
+  public :: passage_search
 
   real(wp), parameter :: pi = 3.141592653589793_wp
   !> The shortest part, as one of the step; parts looked at in a step at most.
@@ -58,21 +58,6 @@ module viscovib_all_passages
   end type passage_search
 
 contains
-
-  !> Whether a function is no linear one of what it reads.
-  logical function is_bent(law)
-    type(law_program), intent(in) :: law
-    integer :: degrees(law%depth + 2), i, top, degree
-    top = 0
-    do i = 1, size(law%code)
-      associate (n => operands(law%code(i)))
-        top = top - n + 1
-        degree = degree_of(law%code(i), law%number(i), degrees(top:top + n - 1))
-      end associate
-      degrees(top) = degree
-    end do
-    is_bent = degrees(1) < 0 .or. degrees(1) > 1
-  end function is_bent
 
   !> Find the passages of a step.
   subroutine find(self, signal, path, floor, largest, side)

@@ -3,16 +3,15 @@
 !! go on exactly.
 !!
 !! A step is searched in parts. Of each the signals are sampled at the nodes of Gauss's rule and at
-!! both ends. A part is halved until each signal either is its interpolant, the last coefficients
-!! in Legendre polynomials being small, or stays on its side by more than these; of a signal that is
-!! no linear function, until what it reads is its interpolant. A passage found by
+!! both ends. A part is halved until what each signal reads is its interpolant, the last coefficients
+!! in Legendre polynomials being small. A passage found by
 !! the interpolant is then found again by the motion itself: by Newton's method with the slope of
 !! the interpolant, where that is hardly wrong, else by bisection.
 module viscovib_march_events
   use viscovib_base_motion, only: base_motion_type
   use viscovib_event_search, only: signal_along
   use viscovib_kinds, only: wp
-  use viscovib_law_functions, only: put_argument, wall
+  use viscovib_law_functions, only: put_argument
   use viscovib_march, only: march_type
   use viscovib_quadrature, only: gauss_nodes, legendre
   use viscovib_simulate, only: run_event
@@ -25,9 +24,9 @@ module viscovib_march_events
 
   !> Nodes of a part.
   integer, parameter :: n_nodes = 10
-  !> Last coefficients, relative to the largest value of a signal, at which the interpolant stands
-  !! for it; a signal further from 0 than so many times its last coefficients does not pass.
-  real(wp), parameter :: resolved = 1.0e-9_wp, clear = 10.0_wp
+  !> Last coefficients, relative to the largest value of what a signal reads, at which the interpolant
+  !! stands for it.
+  real(wp), parameter :: resolved = 1.0e-9_wp
   !> Halvings at most: a signal with a kink or a jump is its interpolant nowhere beside it.
   integer, parameter :: most_halvings = 16
   !> Parts of a part of a step: within which the slope of an interpolant is taken, and by which a
@@ -45,7 +44,7 @@ contains
     real(wp), intent(inout) :: t_reached
     integer, intent(inout) :: outcome
     real(wp) :: u(run%n_observed()), v(run%n_observed())
-    real(wp) :: largest(size(watch%signals)), begin, width, place
+    real(wp) :: begin, width, place
     type(step_path) :: path
     type(passage_type), allocatable :: found(:)
     integer :: i
@@ -53,12 +52,11 @@ contains
     if (watch%is_idle()) return
     if (.not. allocated(watch%path)) call prepare(watch, size(u))
     path = watch%path
-    largest = watch%largest
     begin = 0.0_wp
     width = 1.0_wp
     do while (begin < 1.0_wp)
       call sample()
-      do while (width > 0.5_wp**most_halvings .and. .not. follows(watch, path, largest))
+      do while (width > 0.5_wp**most_halvings .and. .not. follows(watch, path))
         width = 0.5_wp*width
         call sample()
       end do
@@ -223,12 +221,9 @@ contains
   end subroutine body_at
 
   !> Whether the interpolants of a part tell all passages.
-  logical function follows(watch, path, largest)
+  logical function follows(watch, path)
     type(watch_type), intent(inout) :: watch
     type(step_path), intent(in) :: path
-    !> Largest values so far.
-    real(wp), intent(inout) :: largest(:)
-    real(wp) :: g(n_nodes + 2), rest
     integer :: k
 
     follows = .true.
@@ -238,17 +233,7 @@ contains
       end do
     end if
     do k = 1, size(watch%signals)
-      if (watch%bent(k)) then
-        if (.not. arguments_follow(watch, k, path)) follows = .false.
-        cycle
-      end if
-      call watch%signals(k)%at(path%start + path%h*path%points, path%q, path%v, g)
-      ! Of a function without a value there is nothing to tell.
-      if (all(abs(g) >= wall)) cycle
-      largest(k) = max(largest(k), maxval(abs(g), abs(g) < wall))
-      rest = sum(abs(matmul(g(2:n_nodes + 1), watch%last)))
-      if (rest <= resolved*largest(k)) cycle
-      if (watch%sides(k) == 0 .or. .not. minval(watch%sides(k)*g) > clear*rest) follows = .false.
+      if (.not. arguments_follow(watch, k, path)) follows = .false.
     end do
   end function follows
 

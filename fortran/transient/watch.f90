@@ -1,27 +1,20 @@
 !> Events that a run is asked for: passages of functions of the state through 0.
 module viscovib_watch
-  use viscovib_all_passages, only: is_bent, passage_search
-  use viscovib_event_search, only: first_passage, signal_along
+  use viscovib_all_passages, only: passage_search
   use viscovib_extremes, only: extremes_type
   use viscovib_kinds, only: wp
   use viscovib_law_branches, only: signal_type
-  use viscovib_law_functions, only: bounded, put_argument, wall
+  use viscovib_law_functions, only: put_argument, wall
   use viscovib_step_path, only: step_path
   implicit none
   private
 
   public :: watch_type, new_watch, passage_type, coordinates_read, renumbered
 
-  !> Part of its largest value on a step that a signal at the start must have to be on a side.
-  real(wp), parameter :: on_surface = 1.0e-13_wp
   !> Part of its largest value so far within which a signal of a motion that sticks counts as 0.
   real(wp), parameter :: at_rest = 1.0e-11_wp
   !> The least that a signal's largest value is once it had one, be it 0.
   real(wp), parameter :: valued = 2.0_wp**(-1000)
-  !> How far beside a place, in parts of a step, a signal must have values if it passes 0 there.
-  real(wp), parameter :: beside = 1.0e-9_wp
-  !> Passages of one signal that are looked for in a step.
-  integer, parameter :: most_in_step = 200
 
   !> One passage: of which signal, its sign before, and the place in the step.
   type :: passage_type
@@ -46,9 +39,8 @@ module viscovib_watch
     !! had none.
     integer, allocatable :: sides(:)
     real(wp), allocatable :: largest(:)
-    !> Signals that are no linear functions may change anywhere between places: they are searched by
-    !! ranges. Of each, in how many steps some passages may be missing all the same.
-    logical, allocatable :: bent(:)
+    !> Signals may change anywhere between places: they are searched by ranges. Of each, in how many
+    !! steps some passages may be missing all the same.
     integer, allocatable :: lost(:)
     type(passage_search) :: search
     !> Peaks and means along the motion, if they are asked for.
@@ -61,7 +53,6 @@ module viscovib_watch
   contains
     procedure :: is_idle
     procedure :: look
-    procedure, private :: look_everywhere
     procedure :: count_of
     procedure :: last_state
     procedure :: keep
@@ -102,8 +93,7 @@ contains
     end if
     allocate (watch%signals(n), watch%direction(n), watch%terminal(n))
     allocate (watch%largest(n), source=0.0_wp)
-    allocate (watch%bent(n), watch%lost(n))
-    watch%lost = 0
+    allocate (watch%lost(n), source=0)
     if (present(sides)) then
       watch%sides = sides(:n)
       if (n > 0) watch%lost = sides(2*n + 1:3*n)
@@ -121,7 +111,6 @@ contains
       watch%signals(i)%program%code = nint(numbers(k + 4:k + 2*m + 3:2))
       watch%signals(i)%program%number = numbers(k + 5:k + 2*m + 3:2)
       call watch%signals(i)%program%measure()
-      watch%bent(i) = is_bent(watch%signals(i)%program)
       k = k + 3 + 2*m
     end do
     allocate (watch%which(0), watch%times(0), watch%states(0, 0))
@@ -202,37 +191,30 @@ contains
     logical, intent(in) :: sticks
     type(passage_type), allocatable, intent(out) :: found(:)
     type(passage_type) :: next
-    real(wp) :: place, before, g(size(path%points))
+    real(wp) :: g(size(path%points))
     integer :: i, k
-    logical :: passes
 
     allocate (found(0))
     do i = 1, size(self%signals)
       call self%signals(i)%at(path%start + path%h*path%points, path%q, path%v, g)
       if (any(abs(g) < wall)) then
         self%largest(i) = max(self%largest(i), valued, maxval(abs(g), abs(g) < wall))
-      else if (.not. self%bent(i)) then
-        cycle
       end if
-      if (self%bent(i)) then
-        call self%look_everywhere(i, path, sticks, found)
-        cycle
+      associate (largest => self%largest(i))
+        call self%search%find(self%signals(i), path, merge(at_rest*largest, 0.0_wp, sticks), &
+                              largest, self%sides(i))
+      end associate
+      ! Its only values may lie between places.
+      if (self%search%n > 0 .or. self%sides(i) /= 0) then
+        self%largest(i) = max(self%largest(i), valued)
       end if
-      if (sticks .and. maxval(abs(g)) <= at_rest*self%largest(i)) cycle
-      if (self%sides(i) == 0) self%sides(i) = first_side(self%signals(i), path)
-      place = 0.0_wp
-      do k = 1, most_in_step
-        before = place
-        call first_passage(self%signals(i), path, before, self%sides(i), k > 1, passes, place)
-        if (.not. passes .or. (k > 1 .and. place <= before)) exit
-        if (sticks .and. comes_to_rest(place)) exit
-        self%sides(i) = -self%sides(i)
-        if (self%direction(i)*self%sides(i) < 0 .or. is_edge(place)) cycle
+      if (self%search%lost) self%lost(i) = self%lost(i) + 1
+      do k = 1, self%search%n
+        if (self%direction(i)*self%search%to(k) < 0) cycle
         next%which = i
-        next%side = -self%sides(i)
-        next%place = place
+        next%side = -self%search%to(k)
+        next%place = self%search%places(k)
         call insert(found, next)
-        if (place >= 1.0_wp) exit
       end do
     end do
     do i = 1, size(found)
@@ -240,65 +222,7 @@ contains
       found = found(:i)
       return
     end do
-
-  contains
-
-    !> Whether a signal stays at 0 from a place on.
-    logical function comes_to_rest(from)
-      real(wp), intent(in) :: from
-      comes_to_rest = all(abs(g) <= at_rest*self%largest(i) .or. path%points < from)
-    end function comes_to_rest
-
-    !> Whether a signal has no value on one side of a place, which is no passage then.
-    logical function is_edge(at)
-      real(wp), intent(in) :: at
-      real(wp) :: sides(2)
-      is_edge = .false.
-      if (.not. any(bounded(self%signals(i)%program%code))) return
-      call signal_along(self%signals(i), path, [at - beside, at + beside], sides)
-      is_edge = any(abs(sides) >= wall)
-    end function is_edge
-
   end subroutine look
-
-  !> Passages of a signal that may change anywhere in a step.
-  subroutine look_everywhere(self, which, path, sticks, found)
-    class(watch_type), intent(inout) :: self
-    integer, intent(in) :: which
-    type(step_path), intent(in) :: path
-    !> As of `look`.
-    logical, intent(in) :: sticks
-    type(passage_type), allocatable, intent(inout) :: found(:)
-    type(passage_type) :: next
-    integer :: i
-
-    associate (largest => self%largest(which))
-      call self%search%find(self%signals(which), path, merge(at_rest*largest, 0.0_wp, sticks), &
-                            largest, self%sides(which))
-    end associate
-    ! Its only values may lie between places.
-    if (self%search%n > 0 .or. self%sides(which) /= 0) then
-      self%largest(which) = max(self%largest(which), valued)
-    end if
-    if (self%search%lost) self%lost(which) = self%lost(which) + 1
-    do i = 1, self%search%n
-      if (self%direction(which)*self%search%to(i) < 0) cycle
-      next%which = which
-      next%side = -self%search%to(i)
-      next%place = self%search%places(i)
-      call insert(found, next)
-    end do
-  end subroutine look_everywhere
-
-  !> On which side a run begins; on the surface: where it goes.
-  integer function first_side(signal, path)
-    type(signal_type), intent(in) :: signal
-    type(step_path), intent(in) :: path
-    real(wp) :: g(size(path%points))
-    call signal%at(path%start + path%h*path%points, path%q, path%v, g)
-    if (abs(g(1)) <= on_surface*maxval(abs(g))) g(1) = g(2)
-    first_side = merge(1, -1, g(1) >= 0.0_wp)
-  end function first_side
 
   subroutine insert(found, next)
     type(passage_type), allocatable, intent(inout) :: found(:)

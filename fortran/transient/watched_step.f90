@@ -463,7 +463,6 @@ contains
     real(wp) :: q(size(at%q)), v(size(at%q)), place, t(1), here(1, size(at%q))
     real(wp) :: rate(1, size(at%q))
     integer :: i
-    logical :: passes, made
 
     if (watch%is_idle()) return
     body = at%path
@@ -478,14 +477,9 @@ contains
     do i = 1, size(found)
       associate (which => found(i)%which)
         place = found(i)%place
-        made = .true.
         signal%signal => watch%signals(which)
-        if (watch%bent(which)) then
-          call settle_thin(start, system, signal, found(i)%side, at%path, place, q, v)
-        else
-          call correct(start, system, signal, found(i)%side, at, place, passes, made, q, v)
-        end if
-        if (.not. made .or. abs(place - found(i)%place) > furthest) then
+        call settle_thin(start, system, signal, found(i)%side, at%path, place, q, v)
+        if (abs(place - found(i)%place) > furthest) then
           ! That is another passage, or none that steps tell: they are too large for so many.
           place = found(i)%place
           call at%path%at([place], t, here, rate)
