@@ -18,6 +18,7 @@ _NAMES = {
     "analyses.events": "Event",
     "analyses.forced": "forced_response plan_response",
     "analyses.lines": "Lines amplitudes_at dominant_frequencies",
+    "analyses.motion_branches": "trace_motion",
     "analyses.multiple_scales": "MultipleScales",
     "analyses.periodic": "backbone trace_response",
     "analyses.shooting": "steady_motion",
@@ -54,6 +55,7 @@ _NAMES = {
     "results.ensemble": "Ensemble",
     "results.response": "Peak Response",
     "results.modulation": "Modulation Resonance",
+    "results.motion_branch": "MotionBranch",
     "results.scales": "ScalesMotion ScalesResponse",
     "results.steady_motion": "SteadyMotion",
     "results.trajectory": "Trajectory",
@@ -116,6 +118,7 @@ if TYPE_CHECKING:
         amplitudes_at as amplitudes_at,
         dominant_frequencies as dominant_frequencies,
     )
+    from viscovib.analyses.motion_branches import trace_motion as trace_motion
     from viscovib.analyses.multiple_scales import MultipleScales as MultipleScales
     from viscovib.analyses.periodic import (
         backbone as backbone,
@@ -208,6 +211,7 @@ if TYPE_CHECKING:
         Modulation as Modulation,
         Resonance as Resonance,
     )
+    from viscovib.results.motion_branch import MotionBranch as MotionBranch
     from viscovib.results.response import (
         Peak as Peak,
         Response as Response,

@@ -172,6 +172,7 @@ SOUND = (
     'vv.simulate(vv.PolynomialSystem(mass=1, stiffness=1, forces="3*max(x - 0.2, 0)"), 4, '
     'initial=[0.1, 0.5], events=[vv.Event("x - 0.1", direction="up"), "x_dot"])(1.5)',
     f"vv.steady_motion({SYSTEM}, nu=0.8, load=0.2)",
+    f"vv.trace_motion({SYSTEM}, (0.7, 0.8), load=0.2, max_step=0.2, max_points=50)",
     f"vv.steady_motion({STOP}, 0.9, load=0.3, initial=[0.1, 0], n_periods=2).extremes('x')",
     'vv.basins(vv.PolynomialSystem(mass=1, stiffness=-1, damping=0.3, forces="x^3"), '
     '{"x": [0.5, -0.5], "x_dot": [0.1, 0.2]}, t_end=20, dt=0.1)',

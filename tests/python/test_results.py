@@ -98,6 +98,7 @@ def _forces():
 
 RESULTS |= {
     "motion that repeats": lambda: vv.steady_motion(DUFFING, 0.7, load=0.1),
+    "branch of motions": lambda: vv.trace_motion(DUFFING, (0.7, 0.8), load=0.1, max_step=0.2),
     "structure response": lambda: vv.forced_response(CHAIN, [0.4, 0.6], load={1: [0, 0, 0.1]}),
     "structure branch": lambda: vv.trace_response(CHAIN, (0.3, 0.5), load={1: [0, 0, 0.1]}),
     "structure motion": lambda: vv.simulate(CHAIN, 5, dt=0.1, load={1: [0, 0, 0.1]}, nu=0.4),
@@ -133,9 +134,9 @@ PARTS = {
     "data": _modulus,
 }
 DRAWN = set(RESULTS) - {
-    "basins", "ensemble", "ensemble with an estimate", "lines", "body modes", "mount forces",
-    "modulation", "scales motion", "beating motion", "master curve", "kramers kronig", "fit",
-    "prony fit",
+    "basins", "branch of motions", "ensemble", "ensemble with an estimate", "lines", "body modes",
+    "mount forces", "modulation", "scales motion", "beating motion", "master curve",
+    "kramers kronig", "fit", "prony fit",
 }  # fmt: skip
 #: Public classes that calls take or that hold others; all else is found, and a value.
 NOT_FOUND = [

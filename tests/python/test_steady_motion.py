@@ -166,3 +166,60 @@ def test_result():
         nu=0.8, keep="last",
     )  # fmt: skip
     np.testing.assert_allclose(run.state[-1], motion.state[0], atol=1e-12)
+
+
+def test_crossings_beside_a_gap():
+    """A fold and the doubling beside it of NLvib's example 03, the same by other steps."""
+    near = [-1.7437, -0.5182, -0.6096, 0.2772]
+    found = []
+    for options in ({"max_step": 0.05}, {"method": "gauss16", "max_step": 0.1}):
+        branch = vv.trace_motion(MASSES, (0.755, 0.757), load=[0, 0.1], initial=near, **options)
+        assert branch.outcome == "completed"
+        assert [one.kind for one in branch.crossings] == ["period doubling", "fold"]
+        # Beside the fold errors at a frequency are enlarged.
+        assert (branch.error < 1e-8).all()
+        found.append([one.parameter for one in branch.crossings])
+        i = branch.crossings[0].before
+        assert branch.stable[i] is False
+        assert branch.stable[i + 1] is True
+        motion = branch.motion(i)
+        np.testing.assert_allclose(motion.state[0], branch.state[i], atol=1e-12)
+    np.testing.assert_allclose(found[0], found[1], atol=1e-9)
+    assert found[0] == pytest.approx([0.75559, 0.75563], abs=5e-6)
+
+
+def test_neimark_sacker_beside_a_gap():
+    """The published digits of example 03."""
+    near = [-0.23824, 0.55031, -0.19346, 0.42285]
+    branch = vv.trace_motion(MASSES, (0.6200, 0.6177), load=[0, 0.1], initial=near, max_step=0.2)
+    (one,) = branch.crossings
+    assert one.kind == "Neimark-Sacker"
+    assert one.parameter == pytest.approx(0.61861, abs=5e-6)
+
+
+def test_branch_as_by_harmonics():
+    """Folds of a smooth branch; its end along frequency, load and a number of the system."""
+    system = vv.PolynomialSystem(mass=1, stiffness=1, damping=0.2, forces="x^3")
+    for span, rest in (
+        ({"nu_range": (1.0, 2.0)}, {}),
+        ({"load_range": (0.2, 2.0)}, {"nu": 0.9}),
+        ({"vary": "damping", "vary_range": (0.4, 0.3)}, {"nu": 0.9}),
+    ):
+        one = vv.trace_motion(system, load=0.6, max_step=0.1, **span, **rest)
+        other = vv.trace_response(system, load=0.6, rtol=1e-12, **span, **rest)
+        assert one.outcome == "completed"
+        np.testing.assert_allclose(one.folds, other.folds, atol=1e-9)
+        x = other.coefficients[-1, 0]
+        expected = [x.imag.sum(), (1j * other.nu[-1] * other.harmonics * x).imag.sum()]
+        np.testing.assert_allclose(one.state[-1], expected, atol=1e-9)
+
+
+def test_contact_begins():
+    """A gap is reached where the linear motion is as large as it: grazing, exactly known."""
+    stop = vv.PolynomialSystem(mass=1, stiffness=1, damping=0.2, forces="20*max(x - 0.5, 0)")
+    branch = vv.trace_motion(stop, (0.5, 1.0), load=0.3, max_step=0.1)
+    # 0.3^2 = 0.5^2 ((1 - nu^2)^2 + (0.2 nu)^2).
+    squares = np.roots([1.0, -2 + 0.04, 1 - 0.36])
+    assert branch.grazings == pytest.approx([np.sqrt(squares.min())], abs=1e-9)
+    assert branch.passages[0] == 0
+    assert branch.passages[-1] == 2

@@ -32,9 +32,9 @@ _SETTLING = (30, 100, 400)
 _DOUBLINGS, _FAILURES = 12, 3
 #: Multipliers as large as this part of the largest decide with it.
 _LEADING = 0.9
-_MOST_PERIODS = 64
+MOST_PERIODS = 64
 #: States kept of a period at least.
-_SHOWN = 256
+SHOWN = 256
 
 
 class Refined(NamedTuple):
@@ -124,14 +124,11 @@ def steady_motion(
     >>> motion.stable, bool(np.abs(motion.multipliers[-1]) < 1e-9)  # it sticks on the way
     (True, True)
     """
-    periods = _native.integer("n_periods", n_periods, 1, _MOST_PERIODS)
+    periods = _native.integer("n_periods", n_periods, 1, MOST_PERIODS)
     wanted = Accuracy.checked(tolerance, rtol, atol, 1e-10)
     assert wanted is not None
     mapping = PeriodMap.checked(system, load, nu, periods, method)
-    if initial is None:
-        found = _from_rest(mapping, wanted)
-    else:
-        found = refine(mapping, start_at(system, mapping, initial), wanted)
+    found = begin_at(system, mapping, initial, wanted)
     motion = motion_of(system, mapping, found)
     if motion.outcome != "converged":
         warnings.warn(
@@ -151,7 +148,19 @@ def steady_motion(
     return motion
 
 
-def start_at(
+def begin_at(
+    system: PolynomialSystem | Structure,
+    mapping: PeriodMap,
+    initial: npt.ArrayLike | SteadyMotion | None,
+    wanted: Accuracy,
+) -> Refined:
+    """Find a motion from a state nearby, or from rest."""
+    if initial is None:
+        return _from_rest(mapping, wanted)
+    return refine(mapping, _start_at(system, mapping, initial), wanted)
+
+
+def _start_at(
     system: PolynomialSystem | Structure,
     mapping: PeriodMap,
     initial: npt.ArrayLike | SteadyMotion,
@@ -246,6 +255,21 @@ def _judged(
     )
 
 
+def judged(mapping: PeriodMap, state: FloatArray, steps: int, correction: float) -> Refined:
+    """Errors of a state that comes back in so many steps, by one step more."""
+    one, other = (mapping.run(state, n) for n in (steps, steps + 1))
+    inverse = np.linalg.pinv(np.eye(mapping.size) - one.by_start, rcond=_EPS)
+    weights = mapping.weights
+    enlarged = float(np.abs(weights[:, None] * inverse / weights).sum(axis=1).max())
+    outcome = "converged" if one.outcome == other.outcome == "completed" else "stalled"
+    found = Found(state, one.by_start, one.passed, outcome, 0, correction, enlarged)
+    beside = found._replace(
+        state=state + inverse @ (other.last - one.last), by_start=other.by_start
+    )
+    told = _judged(mapping, found, beside, steps, 0)
+    return told._replace(error=told.error + correction)
+
+
 def _multiplier_error(found: Found, other: Found, mapping: PeriodMap) -> float:
     """Of the multipliers that decide: what the other run changes, and rounding.
 
@@ -267,7 +291,7 @@ def motion_of(
 ) -> SteadyMotion:
     """Make the result, with the motion over one period."""
     n = 2 * mapping.n_dof
-    parts = math.ceil(_SHOWN / found.steps)
+    parts = math.ceil(SHOWN / found.steps)
     t = np.linspace(0.0, mapping.period, parts * found.steps + 1)
     ran = mapping.run(found.found.state, found.steps, times=t)
     return SteadyMotion(

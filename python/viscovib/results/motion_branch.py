@@ -1,0 +1,158 @@
+"""A branch of motions that repeat, followed in time."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import numpy.typing as npt
+
+from viscovib import _native
+from viscovib._native import ComplexArray, FloatArray
+from viscovib.common.counts import things
+from viscovib.common.motion_stability import codes_of
+from viscovib.common.results import Number, Panel, Result, named, span
+from viscovib.results.curves import Crossing, crossing_variables
+from viscovib.results.steady_motion import SteadyMotion
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class MotionBranch(Result):
+    """Motions that repeat along a parameter, by `trace_motion`.
+
+    Attributes
+    ----------
+    parameter : ndarray, shape (n,)
+        Values of what varies (``varies``) at the points of the branch.
+    nu : ndarray, shape (n,)
+        Circular frequencies of the load.
+    state : ndarray, shape (n, 2 n_dof)
+        State of each motion at t = 0; ``branch.motion(i)`` is the motion itself.
+    smallest, largest : ndarray, shape (n, n_dof)
+        Extremes of each coordinate among 256 states of the period.
+    multipliers : complex ndarray, shape (n, m)
+        Floquet multipliers, the largest first.
+    stable : ndarray, shape (n,)
+        True or False, or None where the largest is on the unit circle to its error.
+    passages : ndarray of int, shape (n,)
+        How often laws switch in a period.
+    error : ndarray, shape (n,)
+        Estimated largest error of each state, velocities divided by ``nu``.
+    folds, grazings : ndarray
+        Where the branch turns back; and where a switch comes or goes, as a contact does that only
+        grazes. Located to rounding, which folds and multipliers beside them enlarge.
+    crossings : tuple of Crossing
+        Where stability changes: "fold", "branch point", "period doubling", "Neimark-Sacker".
+    outcome : str
+        "completed"; "stuck": no step leads on; "points": there is no room for more.
+
+    Examples
+    --------
+    >>> import viscovib as vv
+    >>> stop = vv.PolynomialSystem(mass=1, stiffness=1, damping=0.2, forces="20*max(x - 0.5, 0)")
+    >>> branch = vv.trace_motion(stop, (0.5, 1.5), load=0.3)
+    >>> branch.outcome, branch.grazings.size
+    ('completed', 2)
+    """
+
+    varies: str
+    parameter: FloatArray
+    nu: FloatArray
+    state: FloatArray
+    smallest: FloatArray
+    largest: FloatArray
+    multipliers: ComplexArray
+    stable: npt.NDArray[Any]
+    passages: npt.NDArray[np.int64]
+    error: FloatArray
+    folds: FloatArray
+    grazings: FloatArray
+    crossings: tuple[Crossing, ...]
+    outcome: str
+    n_periods: int
+    system: Any
+    #: What makes the motion at each point.
+    _points: tuple[Callable[[], SteadyMotion], ...] = field(repr=False)
+
+    kind = "motion_branch"
+
+    @property
+    def complete(self) -> bool:  # type: ignore[override]
+        """Whether all of the range was followed."""
+        return self.outcome == "completed"
+
+    @property
+    def dof_names(self) -> tuple[str, ...]:
+        """Names of the coordinates."""
+        return tuple(self.system.dof_names)
+
+    def motion(self, i: int) -> SteadyMotion:
+        """Return the motion at the i-th point."""
+        place = _native.integer("i", i, -len(self._points), len(self._points) - 1)
+        return self._points[place]()
+
+    def _headline(self) -> str:
+        return (
+            f"{self.outcome}, {things(self.parameter.size, 'point')}, "
+            f"{things(self.folds.size, 'fold')}, {things(self.grazings.size, 'grazing')}"
+        )
+
+    def _scope(self) -> list[str]:
+        stable = int(sum(one is True for one in self.stable))
+        return [
+            f"{self.varies}: {span(self.parameter)}; "
+            f"{named(self.dof_names, tuple(self.system.dof_units))}",
+            f"stable at {things(stable, 'point')}, largest error {self.error.max(initial=0.0):.1e}",
+        ]
+
+    def _details(self) -> list[str]:
+        return [*self._scope(), *map(str, self.crossings)]
+
+    def numbers(self) -> dict[str, Number]:
+        """Return ``max_x``, ..., ``folds``, ``grazings`` and ``outcome``."""
+        found: dict[str, Number] = {}
+        for d, (name, unit) in enumerate(zip(self.dof_names, self.system.dof_units, strict=True)):
+            found[f"max_{name}"] = Number(float(self.largest[:, d].max()), unit)
+        found["folds"], found["grazings"] = Number(self.folds.size), Number(self.grazings.size)
+        return found | {"outcome": Number(self.outcome)}
+
+    def panels(self) -> list[Panel]:
+        """Largest displacements along the branch."""
+        units = self.system.dof_units
+        return [
+            Panel(self.parameter, self.largest[:, d], self.varies, name, unit)
+            for d, (name, unit) in enumerate(zip(self.dof_names, units, strict=True))
+        ]
+
+    def to_dataset(self) -> xr.Dataset:
+        """Everything as an xarray Dataset over the points."""
+        import xarray as xr
+
+        columns = [f"{name}{dot}" for name in self.dof_names for dot in ("", "_dot")]
+        return xr.Dataset(
+            {
+                "nu": ("point", self.nu),
+                "state": (("point", "column"), self.state),
+                "smallest": (("point", "dof"), self.smallest),
+                "largest": (("point", "dof"), self.largest),
+                "stable": ("point", codes_of(self.stable)),
+                "multiplier": (("point", "disturbance"), self.multipliers),
+                "passages": ("point", self.passages),
+                "error": ("point", self.error),
+                "parameter": ("point", self.parameter),
+                "folds": ("fold", self.folds),
+                "grazings": ("grazing", self.grazings),
+                **crossing_variables(self.crossings),
+            },
+            coords={
+                "column": columns,
+                "dof": list(self.dof_names),
+                "unit": ("dof", list(self.system.dof_units)),
+            },
+            attrs={"varies": self.varies, "outcome": self.outcome, "n_periods": self.n_periods},
+        )
