@@ -11,7 +11,7 @@
 subroutine pendulum_balance(flat, orders, n_axes, n_orders, kept, drive_orders, omega, amplitude, &
                             vary, which, p, n_p, tolerance, duration, first, last, step, guess, &
                             cancel, n_unknowns, x, outcome, iterations, highest, truncation, &
-                            multipliers, growing, rates, status)
+                            multipliers, growing, rates, rates_off, status)
   use, intrinsic :: iso_c_binding, only: c_double, c_double_complex, c_int
   use viscovib_binding_tools, only: make_pendulum, report
   use viscovib_orbit_floquet, only: orbit_floquet_type
@@ -33,6 +33,8 @@ subroutine pendulum_balance(flat, orders, n_axes, n_orders, kept, drive_orders, 
   !> cancel(1) /= 0, perhaps set by another thread, gives up.
   integer(c_int), intent(inout) :: cancel(1)
   real(c_double), intent(out) :: x(n_unknowns, n_p), truncation(n_p), rates(6, n_p)
+  !> Estimated errors of the rates.
+  real(c_double), intent(out) :: rates_off(6, n_p)
   complex(c_double_complex), intent(out) :: multipliers(6, n_p)
   integer(c_int), intent(out) :: outcome(n_p), iterations(n_p), highest(n_p), growing(n_p), status
   !f2py threadsafe
@@ -48,6 +50,7 @@ subroutine pendulum_balance(flat, orders, n_axes, n_orders, kept, drive_orders, 
   multipliers = (0.0_c_double, 0.0_c_double)
   growing = -1
   rates = 0.0_c_double
+  rates_off = 0.0_c_double
   outcome = -1
   iterations = 0
   highest = 0
@@ -70,7 +73,7 @@ subroutine pendulum_balance(flat, orders, n_axes, n_orders, kept, drive_orders, 
           growing(i) = count_larger(multipliers(:, i), orbit_circle)
         else
           call balance%visit(y, p(i), .true., inside)
-          call growth_rates(balance, y, duration, rates(:, i), cancel(1))
+          call growth_rates(balance, y, duration, rates(:, i), rates_off(:, i), cancel(1))
         end if
       end do
     end associate
@@ -123,7 +126,7 @@ subroutine pendulum_branch(flat, orders, n_axes, n_orders, kept, drive_orders, o
                            amplitude, vary, which, curve_packed, n_packed, max_points, &
                            duration, leave, begin, begin_p, along, n_unknowns, max_special, &
                            cancel, n_points, ended, p, iterations, x, is_stop, multipliers, &
-                           growing, rates, n_folds, folds, fold_x, n_branch_points, &
+                           growing, rates, rates_off, n_folds, folds, fold_x, n_branch_points, &
                            branch_points, branch_point_x, across, branch_before, n_crossings, &
                            kinds, before, crossings, crossing_x, status)
   use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
@@ -158,7 +161,8 @@ subroutine pendulum_branch(flat, orders, n_axes, n_orders, kept, drive_orders, o
   real(c_double), intent(out) :: p(max_points), x(n_unknowns, max_points)
   complex(c_double_complex), intent(out) :: multipliers(6, max_points)
   integer(c_int), intent(out) :: growing(max_points)
-  real(c_double), intent(out) :: rates(6, max_points), folds(max_special)
+  real(c_double), intent(out) :: rates(6, max_points), rates_off(6, max_points)
+  real(c_double), intent(out) :: folds(max_special)
   real(c_double), intent(out) :: fold_x(n_unknowns, max_special), branch_points(max_special)
   real(c_double), intent(out) :: branch_point_x(n_unknowns, max_special)
   real(c_double), intent(out) :: across(n_unknowns + 1, max_special)
@@ -193,6 +197,7 @@ subroutine pendulum_branch(flat, orders, n_axes, n_orders, kept, drive_orders, o
   multipliers = (0.0_c_double, 0.0_c_double)
   growing = -1
   rates = 0.0_c_double
+  rates_off = 0.0_c_double
   n_crossings = 0
   folds = 0.0_c_double
   fold_x = 0.0_c_double
@@ -258,7 +263,8 @@ subroutine pendulum_branch(flat, orders, n_axes, n_orders, kept, drive_orders, o
       do i = 1, n_points
         if (is_set(cancel(1))) exit
         call balance%visit(branch%x(:, i), p(i), .true., inside)
-        call growth_rates(balance, branch%x(:, i), duration, rates(:, i), cancel(1))
+        call growth_rates(balance, branch%x(:, i), duration, rates(:, i), rates_off(:, i), &
+                          cancel(1))
       end do
     end if
   end if

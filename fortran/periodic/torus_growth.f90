@@ -7,6 +7,7 @@
 !! 9). The logarithms of what that takes away are averaged with the weight
 !! exp(-1/(s (1-s))), s = t/T: along quasi-periodic motions such a mean converges faster
 !! than any power of 1/T (Das, Saiki, Sander, Yorke, Nonlinearity 30 (2017) 4111).
+!! Means over either half of T tell how far it has come: they are farther off than the whole.
 module viscovib_torus_growth
   use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
   use viscovib_constants, only: pi
@@ -25,6 +26,9 @@ module viscovib_torus_growth
   !> Phase that a disturbance, or what counts of the motion, turns in a step at most.
   real(wp), parameter :: phase_a_step = 1.0_wp
   integer, parameter :: max_steps = 1000000
+  !> What means over the halves of T tell of an error, and the least there is: that of the steps, in
+  !! units of the fastest frequency (sums of rates, against the mean divergence: 2e-8 at most).
+  real(wp), parameter :: halves_tell = 4.0_wp, of_steps = 2.0e-8_wp
   !> Orders smaller than this part of the largest are no part of the motion here, and
   !! smaller than that do not limit the step.
   real(wp), parameter :: smallest_part = 1.0e-10_wp, smallest_fast = 1.0e-6_wp
@@ -42,7 +46,7 @@ contains
 
   !> Along the solution x of `balance`, which has at most four coordinates and has just
   !! seen x. NaN if that would take too many steps, or was given up.
-  subroutine growth_rates(balance, x, duration, rates, cancel)
+  subroutine growth_rates(balance, x, duration, rates, off, cancel)
     type(torus_balance_type), intent(in) :: balance
     !> Unknowns, shape (balance%n).
     real(wp), intent(in) :: x(:)
@@ -50,6 +54,8 @@ contains
     real(wp), intent(in) :: duration
     !> Largest first, shape (2 n_dof).
     real(wp), intent(out) :: rates(:)
+    !> Estimated error of each.
+    real(wp), intent(out) :: off(:)
     !> May be set from elsewhere to give up.
     integer, intent(inout), optional :: cancel
     type(explicit_table_type) :: table
@@ -58,12 +64,13 @@ contains
     real(wp), dimension(n_lanes, balance%system%n_dof) :: motion, speed, a
     real(wp) :: drive(n_lanes, size(balance%amplitude)), turns(size(balance%amplitude))
     real(wp) :: f(n_lanes, max_dof, max_stages), h(n_lanes)
-    real(wp) :: needed, time, weight, total, stretch(2*balance%system%n_dof)
-    real(wp) :: sums(2*balance%system%n_dof)
-    integer :: d, i, n, n_steps, s
+    real(wp) :: needed, time, total(3), stretch(2*balance%system%n_dof)
+    real(wp) :: sums(2*balance%system%n_dof, 3), swings
+    integer :: d, i, n, n_steps, s, half
 
     n = balance%system%n_dof
     rates = ieee_value(0.0_wp, ieee_quiet_nan)
+    off = rates
     call new_explicit_table(table, method)
     call gather_lines(balance, x, lines)
     needed = duration*max(balance%rate(), lines%fastest)/phase_a_step
@@ -85,6 +92,7 @@ contains
     call make_orthogonal(n, q, v, stretch)
     sums = 0.0_wp
     total = 0.0_wp
+    swings = 0.0_wp
     do s = 1, n_steps
       if (present(cancel)) then
         if (is_set(cancel)) return
@@ -107,17 +115,39 @@ contains
       call make_orthogonal(n, q, v, stretch)
       if (.not. all(stretch > 0.0_wp .and. stretch <= huge(1.0_wp))) return
       time = (s - 0.5_wp)/n_steps
-      weight = exp(-1.0_wp/(time*(1.0_wp - time)))
-      sums = sums + weight*log(stretch)
-      total = total + weight*h(1)
+      swings = max(swings, maxval(abs(log(stretch)))/h(1))
+      half = merge(1, 2, time < 0.5_wp)
+      call add_weighted(time, h(1), log(stretch), sums(:, 3), total(3))
+      call add_weighted(2.0_wp*time - (half - 1), h(1), log(stretch), sums(:, half), total(half))
     end do
-    rates = sums/total
+    do half = 1, 3
+      sums(:, half) = sums(:, half)/total(half)
+    end do
+    rates = sums(:, 3)
+    off = halves_tell*max(abs(sums(:, 1) - rates), abs(sums(:, 2) - rates)) &
+          + of_steps*needed/duration
+    ! Within a few turns halves are alike: lengths still swing as they began.
+    off = off + swings*exp(-needed*phase_a_step/(2.0_wp*pi))
     do s = 2, 2*n
       do i = s, 2, -1
-        if (rates(i) > rates(i - 1)) rates(i - 1:i) = rates(i:i - 1:-1)
+        if (.not. rates(i) > rates(i - 1)) cycle
+        rates(i - 1:i) = rates(i:i - 1:-1)
+        off(i - 1:i) = off(i:i - 1:-1)
       end do
     end do
   end subroutine growth_rates
+
+  !> Add to a mean over a span of time, of which `part` has passed.
+  pure subroutine add_weighted(part, h, grown, sums, total)
+    real(wp), intent(in) :: part, h, grown(:)
+    real(wp), intent(inout) :: sums(:), total
+    real(wp) :: weight
+
+    if (.not. (part > 0.0_wp .and. part < 1.0_wp)) return
+    weight = exp(-1.0_wp/(part*(1.0_wp - part)))
+    sums = sums + weight*grown
+    total = total + weight*h
+  end subroutine add_weighted
 
   subroutine gather_lines(balance, x, lines)
     type(torus_balance_type), intent(in) :: balance

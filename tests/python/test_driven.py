@@ -358,7 +358,7 @@ def test_what_is_not_found_is_told():
         )
     assert r.converged.tolist() == [True, False]
     assert np.isnan(r.coefficients[1]).all()
-    assert r.stable.tolist() == [True, False]
+    assert r.stable.tolist() == [True, None]
 
 
 def test_table_dataset_and_picture(tmp_path):

@@ -29,10 +29,11 @@ from viscovib.analyses.torus import (
 )
 from viscovib.analyses.torus_plan import torus_plan
 from viscovib.common.counts import things
+from viscovib.common.motion_stability import three_valued, whole_or_codes
 from viscovib.common.parameters import DURATION, MAX_DENOMINATOR, STABILITY, SUBHARMONIC, TOLERANCE
 from viscovib.common.plan import Plan, wanted_places
 from viscovib.common.results import Result, span
-from viscovib.common.stability import STILL, warn_of_unknown
+from viscovib.common.stability import told_by_rates, warn_of_unknown
 from viscovib.common.tables import Table
 from viscovib.errors import ConvergenceWarning, InputError, caller
 from viscovib.systems.pendulum import Pendulum
@@ -86,8 +87,11 @@ class DrivenResponse(Result):
     growth : ndarray, shape (n, 6), or None
         Rates at which small disturbances grow (Lyapunov exponents), largest first. NaN where
         unknown.
+    growth_error : ndarray, shape (n, 6), or None
+        Estimated errors of rates that are means over a ``duration``; None of periodic motions.
     stable : ndarray of bool, shape (n,), or None
-        Whether all of them decay. False too where no solution was found or the rates are unknown.
+        Whether all of them decay. Where no solution was found, where multipliers or rates are
+        unknown, or a rate is smaller than its error, the array holds objects: True, False and None.
     plan : Plan
         What was computed, what was skipped and why.
 
@@ -113,7 +117,8 @@ class DrivenResponse(Result):
     truncation: FloatArray
     multipliers: ComplexArray | None
     growth: FloatArray | None
-    stable: npt.NDArray[np.bool_] | None
+    growth_error: FloatArray | None
+    stable: npt.NDArray[Any] | None
     plan: Plan
     dof_names: tuple[str, ...] = _DOFS
     dof_units: tuple[str, ...] = ("1", "rad", "rad")
@@ -136,7 +141,7 @@ class DrivenResponse(Result):
 
     def _scope(self) -> list[str]:
         worst = np.nanmax(self.truncation, initial=0.0)
-        known = "" if self.stable is None else f", {self.stable.sum()} stable"
+        known = "" if self.stable is None else f", {np.sum(self.stable == True)} stable"  # noqa: E712
         return [
             f"{self.varies or 'nu'}: {span(self.parameter)}; base frequencies: "
             f"{', '.join(self.axes)}{known}",
@@ -219,7 +224,10 @@ class DrivenResponse(Result):
             data["multipliers"] = (("point", "multiplier"), self.multipliers)
         if self.growth is not None:
             data["growth"] = (("point", "multiplier"), self.growth)
-            data["stable"] = ("point", self.stable)
+        if self.stable is not None:
+            data["stable"] = ("point", whole_or_codes(self.stable))
+        if self.growth_error is not None:
+            data["growth_error"] = (("point", "multiplier"), self.growth_error)
         return xr.Dataset(
             data,
             coords={
@@ -243,7 +251,7 @@ class DrivenResponse(Result):
         table.columns |= {"outcome": self.outcome, "iterations": self.iterations}
         table.columns |= {"highest": self.highest, "truncation": self.truncation}
         if self.stable is not None:
-            table.columns["stable"] = self.stable
+            table.columns["stable"] = whole_or_codes(self.stable)
         names = {d: _DOFS[d] for d in wanted_places(coordinates, _DOFS)}
         table.add_harmonics(names, map(order_name, self.orders), self.coefficients)
         return table
@@ -347,7 +355,7 @@ def _solve(
     kept = np.asfortranarray(kept_by_symmetry(pend, torus, orders, varies))
     cancel = np.zeros(1, dtype=np.intc)
     (
-        x, codes, iterations, highest, truncation, multipliers_found, growing, rates,
+        x, codes, iterations, highest, truncation, multipliers_found, growing, rates, off,
     ) = _native.call_interruptibly(
         core.pendulum_balance, cancel, *job[:2], kept, *job[2:], rows / unit, tolerance, duration,
         *bounds, torus.shells, np.zeros(n), cancel,
@@ -361,15 +369,16 @@ def _solve(
     base = np.tile(torus.base, (rows.size, 1))
     if job[5] == 1:
         base[:, job[6] - 1] = rows / unit  # type: ignore[operator]
-    multipliers, stable, growth = None, None, None
+    multipliers, stable, growth, growth_error = None, None, None, None
     if duration and torus.n_axes == 1:
-        multipliers, stable = multipliers_found.T.copy(), growing == 0
+        multipliers, stable = multipliers_found.T.copy(), three_valued(growing == 0, growing < 0)
         multipliers[~found] = np.nan
         warn_of_unknown(found & (growing < 0))
         growth = np.log(np.abs(multipliers)) * base / (2 * np.pi)
     elif duration:
         growth = np.where(found, rates, np.nan).T
-        stable = growth[:, 0] < -STILL
+        growth_error = np.where(found, off, np.nan).T
+        stable = told_by_rates(growth, growth_error, found)
     return DrivenResponse(
         varies=varies,
         parameter=rows if varies else base[:, 0],
@@ -384,6 +393,7 @@ def _solve(
         multipliers=multipliers,
         stable=stable,
         growth=growth,
+        growth_error=growth_error,
         plan=torus_plan(
             f"computes: steady motions at {things(rows.size, 'value')} of "
             + (varies or torus.names[0])

@@ -30,7 +30,12 @@ from viscovib.analyses.torus import (
     unknowns_of,
 )
 from viscovib.analyses.torus_plan import torus_plan
-from viscovib.common.motion_stability import STABILITY_NOTE, stability_columns
+from viscovib.common.motion_stability import (
+    STABILITY_NOTE,
+    stability_columns,
+    three_valued,
+    whole_or_codes,
+)
 from viscovib.common.parameters import (
     DURATION,
     MAX_DENOMINATOR,
@@ -44,7 +49,7 @@ from viscovib.common.parameters import (
 from viscovib.common.periodic_motions import PeriodicMotions
 from viscovib.common.plan import Plan, wanted_places
 from viscovib.common.results import Panel
-from viscovib.common.stability import STILL, warn_of_unknown
+from viscovib.common.stability import told_by_rates, warn_of_unknown
 from viscovib.common.tables import Table, listed
 from viscovib.errors import ConvergenceWarning, InputError, caller
 from viscovib.results.curves import (
@@ -86,13 +91,13 @@ class DrivenBranch(PeriodicMotions, Curve):
         X_k of z, phi (rad), psi (rad).
     stable : ndarray of bool, shape (n,), or None
         None: unknown (not asked for; with several base frequencies if no ``duration`` is given).
-        False too where multipliers or rates are unknown (too stiff for the Floquet
-        solver).
+        If it is unknown of some motions only (too stiff for the Floquet solver, a rate smaller
+        than its error), the array holds objects: True, False and None.
     multipliers : complex ndarray, shape (n, 6), or None
         Floquet multipliers over a period of the base frequency, largest first; NaN where unknown.
     growing : ndarray of int, shape (n,), or None
         How many of them are outside the unit circle; -1: unknown.
-    growth : ndarray, shape (n, 6), or None
+    growth, growth_error : ndarray, shape (n, 6), or None
         With several base frequencies: as in `DrivenResponse`.
     folds : ndarray, shape (n_folds,)
         Values of the parameter where the branch turns back.
@@ -127,10 +132,11 @@ class DrivenBranch(PeriodicMotions, Curve):
     base: FloatArray
     orders: IntArray
     coefficients: ComplexArray
-    stable: npt.NDArray[np.bool_] | None
+    stable: npt.NDArray[Any] | None
     multipliers: ComplexArray | None
     growing: IntArray | None
     growth: FloatArray | None
+    growth_error: FloatArray | None
     folds: FloatArray
     fold_coefficients: ComplexArray
     branch_points: tuple[BranchPoint, ...]
@@ -221,12 +227,13 @@ class DrivenBranch(PeriodicMotions, Curve):
             **crossing_variables(self.crossings),
         }
         if self.stable is not None:
-            data["stable"] = ("point", self.stable)
+            data["stable"] = ("point", whole_or_codes(self.stable))
         if self.multipliers is not None:
             data["growing"] = ("point", self.growing)
             data["multipliers"] = (("point", "multiplier"), self.multipliers)
         if self.growth is not None:
             data["growth"] = (("point", "multiplier"), self.growth)
+            data["growth_error"] = (("point", "multiplier"), self.growth_error)
         return xr.Dataset(
             data,
             coords={
@@ -254,7 +261,7 @@ class DrivenBranch(PeriodicMotions, Curve):
             note += STABILITY_NOTE
             table.columns |= stability_columns(self.growing, self.multipliers)
         elif self.stable is not None:
-            table.columns["stable"] = self.stable
+            table.columns["stable"] = whole_or_codes(self.stable)
         highest = int(np.abs(self.orders).sum(axis=1).max())
         table.notes.append(
             f"{note}; orders to {highest} leave an estimated relative error of {self._worst:.16e} "
@@ -441,18 +448,19 @@ def trace_pendulum(
 def _branch(way: _Way, last: _Pass, plan: Plan) -> DrivenBranch:
     """Give what the core found its names and units."""
     (
-        n_points, ended, p, iterations, x, is_stop, multipliers_found, found, rates, n_folds,
-        folds, fold_x, n_branch, branch_p, branch_x, across, before, n_crossings, kinds,
+        n_points, ended, p, iterations, x, is_stop, multipliers_found, found, rates, off,
+        n_folds, folds, fold_x, n_branch, branch_p, branch_x, across, before, n_crossings, kinds,
         crossed_after, crossed_at, crossed_x,
     ) = last.found  # fmt: skip
     torus, unit = way.torus, last.unit
-    multipliers, stable, growing, growth = None, None, None, None
+    multipliers, stable, growing, growth, growth_error = None, None, None, None, None
     if way.span and torus.n_axes > 1:
         growth = rates[:, :n_points].T.copy()
-        stable = growth[:, 0] < -STILL
+        growth_error = off[:, :n_points].T.copy()
+        stable = told_by_rates(growth, growth_error, np.ones(n_points, dtype=bool))
     elif way.span:
         multipliers, growing = multipliers_found[:, :n_points].T.copy(), found[:n_points].copy()
-        stable = growing == 0
+        stable = three_valued(growing == 0, growing < 0)
         warn_of_unknown(growing < 0)
     base = np.tile(torus.base, (n_points, 1))
     kind, which = last.job[6:8]
@@ -469,6 +477,7 @@ def _branch(way: _Way, last: _Pass, plan: Plan) -> DrivenBranch:
         multipliers=multipliers,
         growing=growing,
         growth=growth,
+        growth_error=growth_error,
         folds=folds[:n_folds] * unit,
         fold_coefficients=complex_coefficients(fold_x[:, :n_folds]),
         branch_points=located_branch_points(

@@ -151,7 +151,8 @@ def forced_response(
         needs ``method="newton"``.
     duration : float
         Of a pendulum: time over which the rates of a quasi-periodic motion are averaged, 1 to 1e6
-        (default 3000). Rates whose differences are small against 1/duration share their errors.
+        (default 3000). Rates whose differences are small against 1/duration share their errors;
+        where the errors hide the sign of a rate, stability is unknown.
     subharmonic : int
         Of a pendulum: period of the motion in periods of the loads, 1 to 20: 2 finds what period
         doubling leads to.

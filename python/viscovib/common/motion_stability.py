@@ -17,6 +17,20 @@ def codes_of(stable: npt.NDArray[Any]) -> npt.NDArray[np.int64]:
     return np.array([-1 if s is None else int(s) for s in stable])
 
 
+def whole_or_codes(stable: npt.NDArray[Any]) -> npt.NDArray[Any]:
+    """Verdicts as tables hold them: as they are, or codes where some are unknown."""
+    return stable if stable.dtype == bool else codes_of(stable)
+
+
+def three_valued(stable: npt.NDArray[np.bool_], unknown: npt.NDArray[np.bool_]) -> npt.NDArray[Any]:
+    """Verdicts: booleans, or, where some are unknown, objects: True, False and None."""
+    if not unknown.any():
+        return stable
+    verdicts = stable.astype(object)
+    verdicts[unknown] = None
+    return verdicts
+
+
 #: What the columns about stability are.
 STABILITY_NOTE = (
     "; stable: 1, not: 0, unknown: -1; growing: multipliers outside the unit circle, unknown: -1; "
@@ -87,10 +101,7 @@ class Stability(NamedTuple):
         Warns of other motions, among those ``solved``, whose stability is unknown.
         """
         unknown = codes < 0
-        stable: npt.NDArray[Any] = codes > 0
-        if unknown.any():
-            stable = stable.astype(object)
-            stable[unknown] = None
+        stable = three_valued(codes > 0, unknown)
         lost = codes == -1 if solved is None else (codes == -1) & solved
         if lost.any():
             warnings.warn(

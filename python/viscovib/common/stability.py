@@ -1,11 +1,14 @@
 """Stability of driven motions: what arguments and messages share."""
 
 import warnings
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
+from viscovib._native import FloatArray
 from viscovib.common.counts import things
+from viscovib.common.motion_stability import three_valued
 from viscovib.errors import StabilityWarning, caller
 
 #: Rates of growth closer to 0 than this count as 0.
@@ -21,3 +24,24 @@ def warn_of_unknown(unknown: npt.NDArray[np.bool_]) -> None:
             StabilityWarning,
             stacklevel=caller(),
         )
+
+
+def told_by_rates(
+    growth: FloatArray, off: FloatArray, found: npt.NDArray[np.bool_]
+) -> npt.NDArray[Any]:
+    """Whether motions are stable by rates of growth with these errors, shape (n, 6); warns.
+
+    Stable if all rates are below 0 by more than their errors, not if one is above; else unknown.
+    """
+    stable = np.all(growth + off < -STILL, axis=1)
+    unknown = ~stable & ~np.any(growth - off >= -STILL, axis=1)
+    blurred = unknown & np.isfinite(growth).all(axis=1)
+    if blurred.any():
+        warnings.warn(
+            f"stability of {things(blurred.sum(), 'motion')} is unknown: the largest rate of "
+            "growth is smaller than its error, take a longer duration",
+            StabilityWarning,
+            stacklevel=caller(),
+        )
+    warn_of_unknown(unknown & ~blurred & found)
+    return three_valued(stable, unknown)

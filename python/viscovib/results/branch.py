@@ -13,7 +13,7 @@ import numpy.typing as npt
 from viscovib import _native
 from viscovib._native import ComplexArray, FloatArray, core
 from viscovib.common.counts import things
-from viscovib.common.motion_stability import STABILITY_NOTE, codes_of, stability_columns
+from viscovib.common.motion_stability import STABILITY_NOTE, stability_columns, whole_or_codes
 from viscovib.common.periodic_motions import PeriodicMotions
 from viscovib.common.plan import Plan, wanted_places
 from viscovib.common.tables import Table, listed, listed_units
@@ -297,8 +297,7 @@ class Branch(PeriodicMotions, Curve):
             **crossing_variables(self.crossings),
         }
         if self.stable is not None and self.multipliers is not None:
-            whole = self.stable.dtype == bool
-            data["stable"] = ("point", self.stable if whole else codes_of(self.stable))
+            data["stable"] = ("point", whole_or_codes(self.stable))
             data["growing"] = ("point", self.growing)
             data["exponents"] = (("point", "multiplier"), self.exponents)
             data["multipliers"] = (("point", "multiplier"), self.multipliers)
