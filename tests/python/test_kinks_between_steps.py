@@ -50,16 +50,17 @@ def test_a_kink_beside_the_end_of_all_steps():
 
 
 @pytest.mark.parametrize("step", [0.1, 0.05])
-def test_errors_at_given_steps(step):
-    """Thirds of steps are looked at, too: of 40 motions halves alone tell some too small."""
-    spring = vv.Spring(on="x1", law="4*abs(d - 0.1)*d")
+@pytest.mark.parametrize("law", [law for law, _ in LAWS[1:3]])
+def test_errors_at_given_steps(law, step):
+    """Thirds of steps are looked at, too, and what finer runs keep of the error is added."""
+    spring = vv.Spring(on="x1", law=law)
     beyond = []
     for load in 0.3 + 0.02 * np.arange(20):
         true = simulated(spring, load, tolerance=1e-9)
         run = simulated(spring, load, dt=step, estimate_error=True, memory="direct")
         beyond.append(np.abs(run.state - true.state).max() / run.error)
     assert "and thirds" in str(run.plan)
-    assert max(beyond) <= 1.5
+    assert max(beyond) <= 1
 
 
 def test_smooth_laws_take_no_third_run():

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -124,11 +125,15 @@ def with_estimate(
     ``begin``: where the others do, if elsewhere. ``shaken``: the same run as `grown` takes it.
 
     Where steps go over kinks one beside the end of a step may be missed alike in halves of steps.
-    Thirds have other ends but those of whole steps.
+    Thirds have other ends but those of whole steps. Errors fall slowly there, so that finer runs
+    keep a good part of them, of the same sign: what these differ by from each other tells it.
     """
     factors = (2, 3) if run._resume is not None and run._resume.over_kinks else (2,)
     finer = [make(factor) for factor in factors]
     change = max(math.inf if fine is None else difference(run, fine) for fine in finer)
+    for one, other in itertools.pairwise(finer):
+        if one is not None and other is not None:
+            change += difference(one, other)
     how = "by a run in half steps" if len(factors) == 1 else "by runs in half steps and thirds"
     how += begin
     if shaken is not None and (finer[0] is None or not growth_is_told(run, finer[0])):

@@ -156,8 +156,9 @@ def simulate(
         last less than a step, and located without memory by steps of their own.
     estimate_error : bool
         With ``dt`` given, run once more in half steps, from the first start on, and report the
-        largest difference of the states kept. In thirds, too, where steps go over kinks of laws;
-        with numbers that are other by 1e-12 where these do not tell what roundings become.
+        largest difference of the states kept. In thirds, too, where steps go over kinks of laws,
+        with what halves and thirds differ by added; with numbers that are other by 1e-12 where
+        these do not tell what roundings become.
     progress : bool
         Show a progress bar.
 
