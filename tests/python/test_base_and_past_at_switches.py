@@ -5,6 +5,8 @@ import itertools
 import numpy as np
 import pytest
 import viscovib as vv
+from referee.element_motions import Driven
+from referee.switched import Fading, Sliders
 from scipy.integrate import solve_ivp
 
 WEIGHTS, RATES = np.array([0.2, 9.0]), np.array([0.7, 30.0])
@@ -153,3 +155,44 @@ def test_against_scipy(case):
         assert run.outcome == "completed"
         assert not run._resume.over_kinks
         np.testing.assert_allclose(run.state, true, atol=3e-11)
+
+
+@pytest.mark.parametrize("held", [0.0, 0.3])
+def test_sliders_turn_at_corners_of_the_base(held):
+    """A record with corners, at each of which a slider may turn, behind what was held or not."""
+
+    def force(d, over):
+        return 8 * (d - GAP) * over
+
+    slider, fading = Sliders(BETWEEN, [4.0], [0.1]), Fading(BETWEEN, force, WEIGHTS, RATES, GAP)
+    judge = Driven(
+        [], MASS, np.diag(STIFFNESS), np.diag(DAMPING), lambda t: np.zeros(2), [slider, fading],
+        [None] * 2, [None] * 2,
+    )  # fmt: skip
+    slopes = np.append(np.diff(RECORD[:, 1]) / np.diff(RECORD[:, 0]), 0.0)
+    y = judge.start(np.zeros(2), -DIRECTION * slopes[0])
+    y[fading.at] += force(held, held > GAP) / RATES
+    ends, true = np.append(RECORD[1:, 0], END), []
+    for k, until in enumerate(ends):
+        if k:
+            y[2:4] -= DIRECTION * (slopes[k] - slopes[k - 1])
+        y = judge.stretch(y, RECORD[k, 0], until)
+        moved = DIRECTION * np.interp(until, *RECORD.T)
+        true.append(np.stack([y[:2] + moved, y[2:4] + DIRECTION * slopes[k]], axis=1).ravel())
+    shaken = vv.Structure(
+        mass=MASS, stiffness=STIFFNESS, damping=DAMPING, base_direction=DIRECTION,
+        elements=[
+            vv.Jenkins(on=("x1", "x2"), stiffness=4, limit=0.1),
+            vv.Spring(on=("x1", "x2"), law=f"8*max(d - {GAP}, 0)", kernel=KERNEL),
+        ],
+    )  # fmt: skip
+    run = vv.simulate(
+        shaken, END, base=ROAD, held=[held, 0.0], initial=np.zeros(4), times=ends
+    )  # fmt: skip
+    np.testing.assert_allclose(run.state, true, atol=3e-10)
+    assert run.error < 1e-10
+    # Deflections are those relative to the base.
+    np.testing.assert_allclose(
+        run.deflections[:, 0], [s[0] - s[2] - np.interp(t, *RECORD.T) * 0.4
+                                for t, s in zip(ends, true, strict=True)], atol=3e-10,
+    )  # fmt: skip
