@@ -2,6 +2,7 @@
 module viscovib_law_term
   use viscovib_kinds, only: wp
   use viscovib_lanes, only: n_lanes
+  use viscovib_law_functions, only: jumps
   use viscovib_law_program, only: law_program, multiply, put_argument, put_number, subtract, wall
   implicit none
   private
@@ -35,6 +36,9 @@ module viscovib_law_term
 
   !> How near to rest a law must have a value, on all sides.
   real(wp), parameter :: near = 1.0e-9_wp
+  !> How much more a law may change over that way than by its steepest slope, and, as a part of its
+  !! value, without one.
+  real(wp), parameter :: steep = 10.0_wp, least_jump = 1.0e-3_wp
 
 contains
 
@@ -45,7 +49,7 @@ contains
     type(law_term), intent(inout) :: law
     !> Derivatives at rest, shape (2 n_dof); behind a kernel those by rates stay in the law, 0 here.
     real(wp), intent(out) :: slopes(:)
-    !> Whether it has a value around rest.
+    !> Whether it has a value around rest, and one alone: 1/x in tanh(1/x) is of either sign.
     logical, intent(out) :: defined
     real(wp) :: at(2*size(slopes) + 1, size(slopes)), value(2*size(slopes) + 1)
     real(wp) :: by(2*size(slopes) + 1, size(slopes))
@@ -59,6 +63,10 @@ contains
     end do
     call law%program%differentiate(at, value, by)
     defined = all(abs(value) < wall)
+    if (defined .and. .not. any(jumps(law%program%code))) then
+      defined = all(abs(value - value(1)) &
+                    <= near*steep*maxval(abs(by)) + least_jump*maxval(abs(value)))
+    end if
     slopes = by(1, :)
     if (law%kernel > 0) slopes(n/2 + 1:) = 0.0_wp
     if (law%parity == 1 .and. any(abs(slopes) > 0.0_wp)) law%parity = 0

@@ -80,6 +80,7 @@ TYPOS = {
             ("'2x'", "'x' (character 2) is found where"),
             ("'é*x'", "'é' (character 1) is found where"),
             ("'sqrt(x)'", "must be defined around rest"),
+            ("'tanh(1/x)'", "must be defined around rest"),
             ("'x / abs(x)'", "u/abs(u) is sign(u) but for u = 0: write sign"),
             ("'x*log(abs(x))'", "must have a finite derivative at rest"),
             ("'x/0'", "divided only by numbers other than 0"),

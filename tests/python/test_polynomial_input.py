@@ -70,6 +70,8 @@ TWO = {"mass": [1, 1], "stiffness": [1, 1]}
         (TWO | {"forces": {"x1": "x1^-1"}}, "must be defined around rest"),
         (TWO | {"forces": {"x1": "x1^x2"}}, "must be defined around rest"),
         (TWO | {"forces": {"x1": "1/x1"}}, "must be defined around rest"),
+        (TWO | {"forces": {"x1": "tanh(1/x1)"}}, "must be defined around rest"),
+        (TWO | {"forces": {"x1": "0.3*atan(1/x2_dot)"}}, "must be defined around rest"),
         (TWO | {"forces": {"x1": "x1 / abs(x1)"}}, "u/abs(u) is sign(u) but for u = 0: write sign"),
         (TWO | {"forces": {"x1": "x1/0"}}, "it divides by 0"),
         (TWO | {"forces": {"x1": "2*"}}, "its end is found where a number, a name or"),
@@ -169,3 +171,8 @@ def test_huge_motions_overflow_in_words():
     assert not r.converged.any()
     run = vv.simulate(system, 10, dt=0.5, initial=[1e3, 0])
     assert run.outcome == "diverged"
+
+
+@pytest.mark.parametrize("law", ["tanh(1/abs(x1))", "1/(1 + 1/x1^2)", "tanh(x1/1e-7)", "sign(x1)"])
+def test_laws_with_one_value_at_rest(law):
+    assert vv.PolynomialSystem(**TWO | {"forces": {"x1": law}}).forces == {"x1": law}

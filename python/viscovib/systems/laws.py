@@ -25,8 +25,13 @@ _ODD = -1
 _CALLED = 40
 #: Those with a kink or a jump: abs, sign, heaviside, atan2, min, max and comparisons.
 _BRANCHES = (26, 27, 28, 29, 30, 31, 32, 33, 34, 35)
+#: Those with a jump.
+_JUMPS = (27, 28, 29, 32, 33, 34, 35)
 #: What the core gives outside a domain, and how near to rest a law must have a value.
 _WALL, _NEAR = 1e60, 1e-9
+#: How much more it may change over that way than by its steepest slope, and, as a part of its
+#: value, without one.
+_STEEP, _LEAST_JUMP = 10.0, 1e-3
 #: Variables that a message lists.
 _LISTED = 8
 
@@ -290,7 +295,12 @@ def _refuse_edge(where: str, law: Law) -> None:
     n = len(law.arguments)
     near = _NEAR * np.concatenate([np.zeros((1, n)), np.eye(n), -np.eye(n)])
     values, slopes = law(near)
-    if (np.abs(values) >= _WALL).any():
+    most = _NEAR * _STEEP * np.abs(slopes).max() + _LEAST_JUMP * np.abs(values).max()
+    # As 1/x in tanh(1/x), which is of either sign.
+    split = (
+        not any(code in _JUMPS for code in law.code) and (np.abs(values - values[0]) > most).any()
+    )
+    if (np.abs(values) >= _WALL).any() or split:
         raise InputError(
             f"{where} = {law.text!r}: must be defined around rest, where what it depends on is 0"
             + _told_sign(law.text)
