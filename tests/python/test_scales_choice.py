@@ -266,6 +266,8 @@ def test_backbones_out_of_range_are_told():
     ms = vv.MultipleScales(system)
     with pytest.warns(vv.RangeWarning, match="amplitude 5 of mode 0"):
         ms.backbone(0, 5.0)
+    with pytest.raises(vv.InputError, match="amplitudes: must not be empty"):
+        ms.backbone(0, [])
 
 
 def test_tongues_of_the_order_that_follows():

@@ -60,6 +60,7 @@ from viscovib.results.curves import (
     Curve,
     branch_notes,
     check_departure,
+    checked_stops,
     crossing_variables,
     largest_panels,
     located_branch_points,
@@ -416,7 +417,7 @@ def trace_pendulum(
     averaged = None if duration is None else DURATION.check(duration)
     if averaged is not None and torus.n_axes > 1:
         span = averaged
-    stops = _native.real_array("at", at).reshape(-1)
+    stops = checked_stops(at, varies, start, finish)
     way = _Way(
         pend, torus, varies, start, finish, stops, curve, span, keeps, leave, opposite
     )  # fmt: skip

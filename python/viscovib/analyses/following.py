@@ -27,6 +27,7 @@ from viscovib.results.curves import (
     OUTCOMES,
     BranchPoint,
     check_departure,
+    checked_stops,
     located_branch_points,
     located_crossings,
     range_of,
@@ -179,7 +180,7 @@ def trace_mount(
     check_steady(system, base)
     way = _Way.checked(system, ranges, nu, vary, load, base)
     system = way.system
-    stops = _native.real_array("at", at).reshape(-1)
+    stops = checked_stops(at, way.varies, way.start, way.finish)
     judged = STABILITY.check(stability)
     keeps = symmetric is None or SYMMETRIC.check(symmetric)
     begun: Start | None = None

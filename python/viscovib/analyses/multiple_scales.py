@@ -390,13 +390,14 @@ class MultipleScales:
         """
         j = _native.integer("mode", mode, 0, self._n - 1)
         b = _native.real_array("amplitudes", amplitudes)
-        if b.size and np.abs(b).max() > _MOST_AMPLITUDE:
+        if not b.size:
+            raise InputError("amplitudes: must not be empty")
+        if np.abs(b).max() > _MOST_AMPLITUDE:
             raise InputError(
                 f"amplitudes: {np.abs(b).max():g} is out of range, must be at most "
                 f"{_MOST_AMPLITUDE:g}"
             )
-        if b.size:
-            self._warn_beyond(j, float(np.abs(b).max()))
+        self._warn_beyond(j, float(np.abs(b).max()))
         wide = _FREE_BAND if self.tolerance is None else self.tolerance
         terms = [x for x in self._form.equations(wide)[-1] if not any("p" in f for f in x.factors)]
         return free_frequencies(j, b, terms, self.frequencies, self.interaction)

@@ -149,7 +149,8 @@ def trace_response(
     p1, p2, p3, f0, m01, m02 : (float, float)
         Of a pendulum: one of its own frequencies or amplitudes of loads.
     at : array_like
-        Values of what varies at each of which a point shall lie, as often as the branch gets there.
+        Values of what varies, in its range, at each of which a point shall lie, as often as the
+        branch gets there.
     start : tuple, mapping or Trajectory
         Of an oscillator: a motion nearby to begin at, such as on a closed branch that no sweep
         meets (an isola) or of a period longer than the load's: ``(result, i)``, the i-th motion of

@@ -370,6 +370,18 @@ def check_departure(leave: object) -> None:
         raise InputError(f"leave = {_native.shown(leave)}: must be one of a branch's branch_points")
 
 
+def checked_stops(at: npt.ArrayLike, varies: str, start: float, finish: float) -> FloatArray:
+    """Values of what varies at which points shall lie, none of them beyond its range."""
+    stops = _native.real_array("at", at).reshape(-1)
+    low, high = sorted((start, finish))
+    beyond = stops[(stops < low) | (stops > high)]
+    if beyond.size:
+        raise InputError(
+            f"at = {beyond[0]:g}: must be in [{low:g}, {high:g}], the range of {varies}"
+        )
+    return stops
+
+
 def range_of(name: str, value: object) -> tuple[float, float]:
     """From and to, two different numbers."""
     ends = _native.real_array(name, value)

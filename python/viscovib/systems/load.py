@@ -164,19 +164,21 @@ def _by_order(
 ) -> dict[int, ComplexArray]:
     if value is None:
         return {}
-    if not isinstance(value, Mapping) or (value and all(isinstance(one, str) for one in value)):
+    alone = not isinstance(value, Mapping) or (value and all(isinstance(one, str) for one in value))
+    if alone:
         value = {1: value}
     series = {}
     for order, term in value.items():
         k = _native.integer(f"{name} order", order, 0, _MAX_ORDER)
+        where = name if alone else f"{name}[{k}]"
         vector = np.zeros(n_dof, dtype=complex)
         if isinstance(term, Mapping) and places is not None:
             for key, force in term.items():
                 if key not in places:
-                    raise InputError(f"{name}[{k}]: {_native.shown(key)} {one_of(places)}")
-                vector[places[key]] += _native.complex_array(f"{name}[{k}][{key!r}]", force, ndim=0)
+                    raise InputError(f"{where}: {_native.shown(key)} {one_of(places)}")
+                vector[places[key]] += _native.complex_array(f"{where}[{key!r}]", force, ndim=0)
         else:
-            _fill(vector, f"{name}[{k}]", term)
+            _fill(vector, where, term)
         if k == 0 and vector.real.any():
             raise InputError(
                 f"{name}[0] has a real part: the mean is the imaginary part "
