@@ -60,8 +60,8 @@ subroutine polynomial_period(flat, n_flat, orders, series, n_rows, n_series, nu,
   end if
   if (.not. outcome%failed()) then
     if (.not. has_slopes(motion)) then
-      call fail(outcome, status_input_error, 'system', 'system: has elements that know what was, or ' &
-                //'laws of more arguments than are differentiated here')
+      call fail(outcome, status_input_error, 'system', 'system: has elements that know what ' &
+                //'was, or laws of more arguments than are differentiated here')
     end if
   end if
   n = n_rows - 1

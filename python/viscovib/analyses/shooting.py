@@ -90,7 +90,7 @@ def steady_motion(
         periods, or later if that leads nowhere.
     n_periods : int
         Periods of the load after which the motion repeats, 1 to 64: 2 for one whose period has
-        doubled.
+        doubled. One that repeats sooner is found too, if it is near.
     method : {"auto", "gauss8", "gauss16"}
         As for `simulate`; "auto" is "gauss8". "gauss16" of at most 6 coordinates without memory.
     tolerance : float
