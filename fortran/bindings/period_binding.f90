@@ -2,8 +2,8 @@
 
 !> A motion of a polynomial system from t = 0, in n_steps equal steps h, and what small disturbances
 !! of its start have become at the end: by_start(i, j) is the derivative of number i of the last
-!! state by number j of the first. A state are coordinates and velocities by turns, then the rates of
-!! what is remembered, n_wide numbers in all; the system, its load and the method as in
+!! state by number j of the first. A state are coordinates and velocities by turns, then the rates
+!! of what is remembered, n_wide numbers in all; the system, its load and the method as in
 !! `polynomial_simulate`. at_times: states at ascending times, n_reached of them, without what is
 !! remembered. n_passed: surfaces passed; known = 0:
 !! disturbances are not known.

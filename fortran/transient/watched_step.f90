@@ -353,7 +353,8 @@ contains
     integer, intent(in) :: which
     real(wp) :: v(size(method%v))
     v = method%v
-    if (allocated(at%beside)) call at%beside%arrive(system, which, at%sides(which), at%from, method%q, v)
+    if (allocated(at%beside)) call at%beside%arrive(system, which, at%sides(which), at%from, &
+                                                    method%q, v)
     call system%meet(which, at%from, method%q, v, at%sides, at%fresh)
     if (allocated(at%beside)) call at%beside%depart(system, at%from, method%q, v)
     if (any(abs(v - method%v) > 0.0_wp)) call method%put(method%q, v)
