@@ -38,10 +38,9 @@ contains
     type(driven_runs) :: maker
     class(transient_job), allocatable :: begun
     call set_ok(status)
-    if (.not. associated(self%other)) return
-    ! What runs before have met of thin layers.
+    ! Runs before and after thin layers are met are not in the same parts of steps.
+    if (.not. associated(self%other) .or. self%system%in_parts) return
     self%other%longest = self%system%longest
-    self%other%in_parts = self%system%in_parts
     maker%system => self%other
     allocate (begun, source=job)
     begun%initial = job%initial*(1.0_wp + sign*self%part)

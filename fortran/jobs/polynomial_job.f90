@@ -13,7 +13,7 @@ module viscovib_polynomial_job
   use viscovib_fitted_motion, only: new_fitted_motion
   use viscovib_polynomial_motion, only: polynomial_motion_type
   use viscovib_reduction, only: moved_coordinates, reduce, state_mask
-  use viscovib_status, only: status_type, things
+  use viscovib_status, only: set_ok, status_type, things
   use viscovib_trajectory, only: shaken
   use viscovib_transient_job, only: driven_runs, first_steps, make_runs, run_maker, &
     run_transient, trajectory_type, transient_job
@@ -124,6 +124,8 @@ contains
     type(status_type), intent(out) :: status
     type(fitted_runs) :: maker
     class(transient_job), allocatable :: begun
+    call set_ok(status)
+    if (self%motion%in_parts) return
     maker = self
     maker%remembering => self%other
     allocate (begun, source=job)

@@ -100,7 +100,9 @@ class Growth:
             self._near = coarse, factor
         if not agreed or self.shaken is None or self._near is None:
             return None
-        if self._grown is None and not growth_is_told(coarse, fine):
+        # Runs before and after thin layers are met are not in the same parts of steps.
+        in_parts = fine._resume is not None and fine._resume.layers.seen
+        if self._grown is None and not in_parts and not growth_is_told(coarse, fine):
             run, factor = self._near
             self._grown = grown(run, partial(self.shaken, factor, 1))
         return self._grown

@@ -450,10 +450,10 @@ def _with_step(steps: _Steps, end: float, step: float, estimated: bool) -> Traje
             stacklevel=caller(),
         )
     told = None
+    # Parts of steps see layers.
+    in_parts = result._resume is not None and result._resume.layers.seen
     if result.outcome == "completed":
         told = result._pole_passed()
-        # Parts of steps see layers.
-        in_parts = result._resume is not None and result._resume.layers.seen
         if told is None and not in_parts and _every_step(result.t, step):
             # Only states of every step tell what a step has passed.
             told = result._layer_passed()
@@ -461,7 +461,7 @@ def _with_step(steps: _Steps, end: float, step: float, estimated: bool) -> Traje
         warnings.warn(f"dt = {step:g}: {told}", ConvergenceWarning, stacklevel=caller())
     if estimated:
         shaken = None
-        if result._resume is not None and result._resume.shaken:
+        if result._resume is not None and result._resume.shaken and not in_parts:
             shaken = partial(steps.shaken(n, equal=n), 1, 1)
         return with_estimate(result, lambda k: run(k, 1), shaken=shaken)
     return result
