@@ -44,6 +44,7 @@ subroutine polynomial_simulate(flat, n_flat, reach, orders, series, n_rows, n_se
   use viscovib_fitted_motion, only: new_fitted_motion
   use viscovib_hidden_start, only: begin_hidden
   use viscovib_kinds, only: wp
+  use viscovib_lanes, only: max_dof
   use viscovib_polynomial_motion, only: polynomial_motion_type
   use viscovib_reduction, only: reduce, state_mask
   use viscovib_simulate, only: simulate
@@ -142,6 +143,12 @@ subroutine polynomial_simulate(flat, n_flat, reach, orders, series, n_rows, n_se
       call motion%recall_switches(memory(i + 1:i + motion%n_switches()))
       motion%begins = resume == 2
       motion%grade = memory(n_memory - 2)
+    end if
+    if (resume == 2 .and. allocated(motion%sides)) then
+      ! The base may go on with another velocity.
+      i = merge(max_dof, motion%n_dof, stepper%explicit)
+      call motion%jump_on(start, q, memory(i + 1:i + motion%n_dof), maxval(abs(initial)), v)
+      if (any(abs(v - stepper%v) > 0.0_c_double)) call stepper%put(q, v)
     end if
     if (n_watch > 1) then
       ! All coordinates are computed then.

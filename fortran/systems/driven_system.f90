@@ -89,6 +89,7 @@ module viscovib_driven_system
     procedure :: signal_at
     procedure :: meet
     procedure :: jump
+    procedure :: jump_on
     procedure :: add_base
     procedure :: start
     procedure :: longest_part
@@ -271,6 +272,25 @@ contains
     v = v + 0.0_wp*(t*(q + before))
     call self%take_sides(sides)
   end subroutine jump
+
+  !> The same where a run goes on under another base, which may move in another way; what rounding
+  !! of its motion leaves is no jump.
+  subroutine jump_on(self, t, q, before, most, v)
+    class(driven_system_type), intent(inout) :: self
+    real(wp), intent(in) :: t, q(:), before(:)
+    !> Size of the state of the body.
+    real(wp), intent(in) :: most
+    real(wp), intent(inout) :: v(:)
+    real(wp), parameter :: rounding = 1.0e-12_wp
+    integer :: sides(size(self%sides))
+    if (all(abs(v - before) <= rounding*max(most, maxval(abs(v)), maxval(abs(before))))) then
+      v = before
+      return
+    end if
+    sides = self%sides
+    call self%jump(t, q, before, v, sides)
+    self%sides = sides
+  end subroutine jump_on
 
   !> From a state relative to the base to that of the body; `share` -1: back.
   pure subroutine add_base(self, t, q, v, share)

@@ -196,3 +196,15 @@ def test_sliders_turn_at_corners_of_the_base(held):
         run.deflections[:, 0], [s[0] - s[2] - np.interp(t, *RECORD.T) * 0.4
                                 for t, s in zip(ends, true, strict=True)], atol=3e-10,
     )  # fmt: skip
+
+
+def test_a_mass_that_sticks_goes_on_under_a_base_that_starts():
+    """The base begins to move where the run goes on: friction lets go at once."""
+    law = "0.5*sign(x_dot) + 3*max(x - 1, 0)"
+    body = vv.PolynomialSystem(mass=1, stiffness=1, damping=0.1, base_direction=[1], forces=law)
+    ramp = {"times": [0, 4, 4.5, 5], "values": [0, 0, 0.5, 0.5]}
+    at_once = vv.simulate(body, 6, dt=0.1, initial=[0.1, 0], base=vv.LoadTable(**ramp))
+    begun = vv.simulate(body, 4, dt=0.1, initial=[0.1, 0], load=0.1, nu=1)
+    later = vv.LoadTable(times=ramp["times"][1:], values=ramp["values"][1:])
+    found = vv.simulate(body, 6, resume=begun, base=later)
+    np.testing.assert_allclose(found.state[-1], at_once.state[-1], atol=1e-12)
