@@ -118,9 +118,11 @@ subroutine polynomial_simulate(flat, n_flat, reach, orders, series, n_rows, n_se
     motion%in_parts = motion%layers%exist() .and. in_parts /= 0
     if (n_breaks > 1) call motion%add_table(breaks, pieces(dofs, :, :))
     if (n_waves > 1 .and. n_base > 1) then
-      call motion%base_motion%add_cubics(size(dofs), [real(wp) ::], base_breaks, base_pieces(:, dofs, :))
+      call motion%base_motion%add_cubics(size(dofs), [real(wp) ::], base_breaks, &
+                                         base_pieces(:, dofs, :))
     else if (n_base > 1) then
-      call motion%base_motion%add_cubics(size(dofs), reduced%base_direction, base_breaks, base_pieces)
+      call motion%base_motion%add_cubics(size(dofs), reduced%base_direction, base_breaks, &
+                                         base_pieces)
     end if
     call new_mesh(mesh, h, ends, made_by)
     start = 0.0_c_double

@@ -65,8 +65,8 @@ module viscovib_run_maker
 
 contains
 
-  !> The same run of a system of which numbers and arguments of forces are other by `shaken`, and the
-  !! start by so much of this sign; no states: there is no such run.
+  !> The same run of a system of which numbers and arguments of forces are other by `shaken`, and
+  !! the start by so much of this sign; no states: there is no such run.
   subroutine make_shaken(self, job, n, thinning, sign, trajectory, status)
     class(run_maker), intent(in) :: self
     class(transient_job), intent(in) :: job

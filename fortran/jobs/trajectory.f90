@@ -13,9 +13,9 @@ module viscovib_trajectory
   !> What halving the step gains of errors where steps go over kinks of forces.
   real(wp), parameter :: gain_at_kinks = 4.0_wp
 
-  !> Relative change of what a run computes with that tells what roundings become; roundings of every
-  !! step and number have their own directions, of which one run tells one; part of a motion up to
-  !! which what becomes of a shake is linear.
+  !> Relative change of what a run computes with that tells what roundings become; roundings of
+  !! every step and number have their own directions, of which one run tells one; part of a motion
+  !! up to which what becomes of a shake is linear.
   real(wp), parameter, public :: shaken = 0.5_wp**40
   real(wp), parameter :: safety = 8.0_wp, linear = 0.1_wp
 
@@ -84,10 +84,10 @@ contains
   end function off_of
 
   !> What roundings become along a run, of each row of states where both are whole. Those of numbers
-  !! of a system are the same in runs in any steps, whose difference does not tell them, and of those
-  !! of steps one difference may be small by chance. `other`: the run in the same steps of a system
-  !! of which numbers, start and arguments of forces are other by `shaken`, small enough for what
-  !! becomes of it to be linear.
+  !! of a system are the same in runs in any steps, whose difference does not tell them, and of
+  !! those of steps one difference may be small by chance. `other`: the run in the same steps of a
+  !! system of which numbers, start and arguments of forces are other by `shaken`, small enough for
+  !! what becomes of it to be linear.
   pure function grown_of(run, other) result(grown)
     type(trajectory_type), intent(in) :: run, other
     real(wp) :: grown(size(run%states, 1))
@@ -104,10 +104,10 @@ contains
     where (grown <= linear*maxval(abs(run%states), 2)) grown = part*grown
   end function grown_of
 
-  !> Whether the difference of two runs tells what roundings become, or that they do not grow. Errors
-  !! of steps and roundings grow alike: where in every part of a run two differ by far more than
-  !! rounding, so do their ends by far more than what becomes of it. Where their difference does not
-  !! rise from any part to a later one nothing grows by itself.
+  !> Whether the difference of two runs tells what roundings become, or that they do not grow.
+  !! Errors of steps and roundings grow alike: where in every part of a run two differ by far more
+  !! than rounding, so do their ends by far more than what becomes of it. Where their difference
+  !! does not rise from any part to a later one nothing grows by itself.
   pure logical function growth_is_told(coarse, fine)
     type(trajectory_type), intent(in) :: coarse, fine
     growth_is_told = .false.

@@ -3,10 +3,10 @@
 !! go on exactly.
 !!
 !! A step is searched in parts. Of each the signals are sampled at the nodes of Gauss's rule and at
-!! both ends. A part is halved until what each signal reads is its interpolant, the last coefficients
-!! in Legendre polynomials being small. A passage found by
-!! the interpolant is then found again by the motion itself: by Newton's method with the slope of
-!! the interpolant, where that is hardly wrong, else by bisection.
+!! both ends. A part is halved until what each signal reads is its interpolant, the last
+!! coefficients in Legendre polynomials being small. A passage found by the interpolant is then
+!! found again by the motion itself: by Newton's method with the slope of the interpolant, where
+!! that is hardly wrong, else by bisection.
 module viscovib_march_events
   use viscovib_base_motion, only: base_motion_type
   use viscovib_event_search, only: signal_along
@@ -24,8 +24,8 @@ module viscovib_march_events
 
   !> Nodes of a part.
   integer, parameter :: n_nodes = 10
-  !> Last coefficients, relative to the largest value of what a signal reads, at which the interpolant
-  !! stands for it.
+  !> Last coefficients, relative to the largest value of what a signal reads, at which the
+  !! interpolant stands for it.
   real(wp), parameter :: resolved = 1.0e-9_wp
   !> Halvings at most: a signal with a kink or a jump is its interpolant nowhere beside it.
   integer, parameter :: most_halvings = 16

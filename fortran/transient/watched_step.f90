@@ -4,8 +4,8 @@
 !! a smooth right side. Where the motion passes a surface inside the step, the step is made
 !! again up to there, then on with the other side held: every part has the order of the method.
 !! Up to a rough surface, where a law such as max(d, 0)^1.5 is not smooth on its side either, and
-!! from there on, parts are no longer than their distance from it: each has half or twice the length
-!! of its neighbour, so that the polynomials converge in all of them at the same rate.
+!! from there on, parts are no longer than their distance from it, each half or twice as long as
+!! its neighbour, so that the polynomials converge in all of them at the same rate.
 module viscovib_watched_step
   use viscovib_body_states, only: body_function, put_on_base
   use viscovib_driven_system, only: driven_system_type
@@ -25,10 +25,9 @@ module viscovib_watched_step
 
   public :: watched_step_type, step_watched, begin_graded, begin_small, halve, sides_of
 
-  !> Surfaces passed in one step before the motion counts as one that stays on them.
-  integer, parameter :: most_passages = 1000
-  !> Corrections of the time of a passage by steps of their own.
-  integer, parameter :: most_corrections = 60
+  !> Surfaces passed in one step before the motion counts as one that stays on them, and
+  !! corrections of the time of a passage by steps of their own.
+  integer, parameter :: most_passages = 1000, most_corrections = 60
   !> Parts of a step that are begun again half as long, and the shortest of them as a part of what
   !! is left of the step.
   integer, parameter :: most_halvings = 200
@@ -65,12 +64,10 @@ module viscovib_watched_step
     logical :: stuck = .false.
     !> How many surfaces were passed in this step.
     integer :: n_passed = 0
-    !> How often a part that could not be made was begun again, half as long; the present one ends
-    !! before the step does.
+    !> How often a part was begun again, half as long; the present one ends before the step does.
     integer :: n_halved = 0
     logical :: short = .false.
-    !> A part was shorter than the step for the sake of a rough surface; and the length that the
-    !! next part may have behind one (0: any).
+    !> A part was short for the sake of a rough surface; how long the next may be (0: any).
     logical :: graded = .false.
     real(wp) :: grade = 0.0_wp
     real(wp), allocatable :: memory(:)
