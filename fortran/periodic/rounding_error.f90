@@ -4,7 +4,8 @@
 !! A motion x of the orders kept has a residual R(x), which by the derivatives J moves it by
 !! -J^-1 R(x). R itself is known to the unit roundoff times its largest term, and J^-1 times that is
 !! the least error there is (Higham, Accuracy and Stability of Numerical Algorithms (2002) ch. 7).
-!! Inertia and stiffness, which cancel in resonance, are terms of their own.
+!! Inertia and stiffness, which cancel in resonance, are terms of their own. Coordinates that
+!! nothing moves are left out.
 module viscovib_rounding_error
   use viscovib_dense, only: factorize, solve
   use viscovib_harmonic_balance, only: balance_type, new_balance
@@ -13,6 +14,8 @@ module viscovib_rounding_error
   use viscovib_load, only: load_type
   use viscovib_motion_norm, only: weighted_norm
   use viscovib_oscillator, only: oscillator_type
+  use viscovib_polynomial, only: polynomial_type
+  use viscovib_reduction, only: moved_coordinates, reduce
   implicit none
   private
 
@@ -22,12 +25,21 @@ module viscovib_rounding_error
   real(wp), parameter :: usual = 2.0_wp*epsilon(1.0_wp)
   integer, parameter :: all_signs = 3
 
-  !> The balance of some orders, kept for the next motion.
-  type :: rounding_judge
-    private
+  !> The balance of some orders.
+  type :: kept_balance
     integer :: highest = -1
     logical :: half_wave = .false.
     type(balance_type) :: balance
+  end type kept_balance
+
+  !> What is kept for the next motion, which is one of the same system: its balance, and the system
+  !! without the coordinates that nothing moves, where there are any.
+  type :: rounding_judge
+    private
+    type(kept_balance) :: kept
+    logical, allocatable :: moved(:)
+    type(polynomial_type) :: reduced
+    type(load_type) :: part
   contains
     procedure :: error_of
   end type rounding_judge
@@ -44,6 +56,36 @@ contains
     !> Whether odd orders alone are kept, and whether forces are those next to rest.
     logical, intent(in) :: half_wave, linear
     !> Harmonics relative to the base, shape (2 n_orders, n_dof).
+    real(wp), intent(in) :: x(:, :)
+    real(wp), intent(out) :: error
+    logical :: moved(size(x, 2))
+    integer :: d
+
+    moved = moved_coordinates(system, load%drives(system) .or. any(abs(x) > 0.0_wp, 1))
+    if (.not. allocated(self%moved)) self%moved = .not. moved
+    if (any(moved .neqv. self%moved)) then
+      self%moved = moved
+      self%kept%highest = -1
+      if (.not. all(moved)) then
+        call reduce(system, moved, self%reduced)
+        call load%take_part(moved, self%part)
+      end if
+    end if
+    if (all(moved)) then
+      call whole_error(self%kept, system, load, nu, half_wave, linear, x, error)
+    else
+      call whole_error(self%kept, self%reduced, self%part, nu, half_wave, linear, &
+                       x(:, pack([(d, d=1, size(moved))], moved)), error)
+    end if
+  end subroutine error_of
+
+  !> The same of all coordinates.
+  subroutine whole_error(self, system, load, nu, half_wave, linear, x, error)
+    type(kept_balance), intent(inout) :: self
+    class(oscillator_type), intent(in) :: system
+    type(load_type), intent(in) :: load
+    real(wp), intent(in) :: nu
+    logical, intent(in) :: half_wave, linear
     real(wp), intent(in) :: x(:, :)
     real(wp), intent(out) :: error
     real(wp), dimension(size(x, 1), size(x, 2)) :: left, terms, pushed
@@ -87,7 +129,7 @@ contains
       error = max(error, weighted_norm(system, pushed))
     end do
     error = min(1.0_wp, error/norm)
-  end subroutine error_of
+  end subroutine whole_error
 
   !> The largest terms of the equations of each coordinate: samples share their rounding among all
   !! orders.
