@@ -10,7 +10,7 @@
 !! are others than before; the base jumps back by `kick`, its displacement and its velocity. What
 !! has no real modes, as `viscovib_pole_maps` takes it, are poles, of conjugates one each (a single
 !! one of 0: none), the last n_at_once of them follow their forces at once; by_base: by a jump of
-!! the base, and of its velocity.
+!! the base, and of its velocity. phased: as `phase_errors` has it of what is kept.
 subroutine structure_simulate(elements, n_elements, squares, rates, n, seen, pushed, n_seen, &
                               poles, left, right, n_right, sine, cosine, by_base, n_poles, &
                               shown_left, &
@@ -23,7 +23,8 @@ subroutine structure_simulate(elements, n_elements, squares, rates, n, seen, pus
                               save_every, resume, memory, n_memory, times, n_times, n_states, &
                               watched, n_watch, sides, n_sides, most, n_at_once, states, &
                               at_times, last, kept, n_kept, n_done, n_reached, t_reached, ended, &
-                              n_iterations, resolution, reason, found, n_found, too_long, status)
+                              n_iterations, resolution, reason, found, n_found, too_long, phased, &
+                              status)
   use, intrinsic :: iso_c_binding, only: c_double, c_double_complex, c_int, c_long
   use viscovib_base_motion, only: base_motion_type
   use viscovib_binding_tools, only: make_base, report
@@ -58,6 +59,7 @@ subroutine structure_simulate(elements, n_elements, squares, rates, n, seen, pus
   real(c_double), intent(in) :: memory(n_memory), times(n_times)
   real(c_double), intent(out) :: states(2*n_shown, n_states), at_times(2*n_shown, n_times)
   real(c_double), intent(out) :: last(2*n_shown), kept(n_memory), resolution, t_reached, too_long
+  real(c_double), intent(out) :: phased(2*n_shown)
   integer(c_long), intent(out) :: n_done
   real(c_double), intent(in) :: watched(n_watch)
   integer(c_int), intent(inout) :: sides(n_sides)
@@ -94,6 +96,7 @@ subroutine structure_simulate(elements, n_elements, squares, rates, n, seen, pus
   ! Of `found`, columns beyond n_found are not set: it is larger than all else here.
   n_found = 0
   too_long = 0.0_c_double
+  phased = 0.0_c_double
   reason = begun
   call polynomial_from_vector(system, elements, outcome)
   if (.not. outcome%failed()) then
@@ -161,6 +164,7 @@ subroutine structure_simulate(elements, n_elements, squares, rates, n, seen, pus
       last(2::2) = v
       n_iterations = run%equations%n_iterations
       resolution = run%resolution()
+      phased = run%phase_errors()
       n_kept = run%memory_size()
       if (n_kept <= n_memory) kept(:n_kept) = run%save_memory()
     end if

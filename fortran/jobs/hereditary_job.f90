@@ -229,6 +229,7 @@ contains
                           no_states, trajectory%n_steps, reached, trajectory%t_reached, &
                           trajectory%outcome, watch=trajectory%watch, thinnest=thinnest)
       trajectory%too_long = thinnest/(unseen_by_node*nodes(job%method))
+      trajectory%by_phases = maxval(run%phase_errors())
       if (trajectory%outcome /= run_diverged .and. trajectory%outcome /= run_coarse) exit
       if (allocated(shortest) .or. size(self%system%kernels) == 0) exit
       ! Where it stops is seen by steps that the exponentials were not fitted for.

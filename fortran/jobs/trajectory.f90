@@ -42,6 +42,8 @@ module viscovib_trajectory
     real(wp) :: error = -1.0_wp
     !> Relative error of what stands for kernels, which two runs may share.
     real(wp) :: represented = 0.0_wp
+    !> What rounding of frequencies computed beforehand makes of states, which all runs share.
+    real(wp) :: by_phases = 0.0_wp
     integer(i8) :: n_steps = 0
     !> How many times as long the steps are as those whose nodes see every thin layer of a law.
     real(wp) :: too_long = 0.0_wp
@@ -146,13 +148,14 @@ contains
     tell_growth = .true.
   end function tell_growth
 
-  !> What rounding leaves of a motion: of its states, of what stands for kernels, and what it moves
-  !! within what times of its states, and paces of it, are rounded.
+  !> What rounding leaves of a motion: of its states, of what stands for kernels, of its phases, and
+  !! what it moves within what times of its states, and paces of it, are rounded.
   pure real(wp) function rounding_of(run) result(rounding)
     type(trajectory_type), intent(in) :: run
     real(wp) :: pace
     integer :: i
     rounding = max(4.0_wp*epsilon(1.0_wp), run%represented)*maxval(abs(run%states))
+    if (run%outcome /= run_diverged) rounding = max(rounding, run%by_phases)
     if (run%outcome /= run_completed) return
     do i = 1, size(run%t)
       pace = maxval(abs(run%states(2::2, i)))

@@ -6,8 +6,8 @@
 !! with right and left vectors x and y of Q(s) = M s^2 + C s + K at each simple pole (Tisseur and
 !! Meerbergen, The quadratic eigenvalue problem, SIAM Rev. 43 (2001) 235). Poles are eigenvalues of
 !! the companion matrix, corrected by Newton's method; the vectors are the largest column and row of
-!! Q^-1 beside a pole. Beside stiff springs that leaves rounding of these in soft modes: Newton's
-!! method with residuals of twice the digits takes it away.
+!! Q^-1 beside a pole. That leaves rounding next to the stiffest: Newton's method with residuals of
+!! twice the digits takes it away.
 module viscovib_damped_modes
   use, intrinsic :: iso_fortran_env, only: real128
   use viscovib_dense, only: factorize, invert, solve
@@ -21,8 +21,6 @@ module viscovib_damped_modes
   !> How far beside a pole, in units of rounding, and passes that correct it.
   real(wp), parameter :: beside = 8.0_wp*epsilon(1.0_wp)
   integer, parameter :: passes = 3
-  !> Squares of poles closer together than this keep their digits.
-  real(wp), parameter :: alike = 0.03_wp
   !> Changes of which the square is rounding, and passes that refine.
   real(wp), parameter :: small = 1.0e-8_wp
   integer, parameter :: refining = 8
@@ -126,7 +124,7 @@ contains
     end if
   end subroutine find_vectors
 
-  !> Soft modes to the digits that the entries hold, each by Newton's method on its own:
+  !> Modes to the digits that the entries hold, each by Newton's method on its own:
   !!
   !!   [Q(s)       Q'(s) x] [dx]     [Q(s) x]        [Q(s)^T     Q'(s)^T y] [dy]     [Q(s)^T y]
   !!   [y^T Q'(s)     0   ] [ds] = - [  0   ],       [x^T Q'(s)^T    0    ] [ds] = - [   0    ]
@@ -140,7 +138,6 @@ contains
     real(wp) :: reach
     integer :: i, k
 
-    if (minval(abs(poles))**2 > alike*maxval(abs(poles))**2) return
     found = poles
     do i = 1, size(poles)
       if (aimag(poles(i)) < 0.0_wp) cycle

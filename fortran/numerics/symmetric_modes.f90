@@ -9,8 +9,6 @@ module viscovib_symmetric_modes
 
   integer, parameter :: max_sweeps = 40
 
-  !> Squares of frequencies closer together than this keep their digits.
-  real(wp), parameter :: alike = 0.03_wp
   !> Changes of which the square is rounding, and changes too large for a step; passes.
   real(wp), parameter :: small = 1.0e-8_wp, large = 0.1_wp
   integer, parameter :: passes = 6
@@ -110,8 +108,8 @@ contains
     end do
   end subroutine rotate_to_diagonal
 
-  !> Soft modes to the digits that the entries hold, beside stiff ones, next to which the above
-  !! leaves rounding. With residuals w_j = K r_j - omega_j^2 M r_j of twice the digits
+  !> Modes to the digits that the entries hold: the above leaves rounding next to the stiffest. With
+  !! residuals w_j = K r_j - omega_j^2 M r_j of twice the digits
   !!
   !!   r_j + sum_i r_i E_ij,   E_ij = r_i^T w_j/(omega_j^2 - omega_i^2),
   !!
@@ -124,7 +122,6 @@ contains
     real(wp) :: better(size(squares)), most
     integer :: names(size(squares)), i, j, pass
 
-    if (minval(abs(squares)) > alike*maxval(abs(squares))) return
     do pass = 1, passes
       do j = 1, size(squares)
         off(:, j) = residual(mass, stiffness, squares(j), shapes(:, j))
@@ -136,11 +133,10 @@ contains
       do j = 1, size(squares)
         better(j) = squares(j) + (off(j, j) + sum(change(:, j)*off(:, j)))/moving(j, j)
       end do
-      ! Of modes that coincide only what they are not normal by is taken away, half by each.
+      ! What two are not normal by is taken away half by each, E_ij + E_ji = -r_i^T M r_j: the above
+      ! holds it in exact numbers only, and divides modes that nearly coincide by next to nothing.
+      change = 0.5_wp*(change - transpose(change) - moving)
       do j = 1, size(squares)
-        do i = 1, size(squares)
-          if (.not. abs(change(i, j)) > 0.0_wp) change(i, j) = -0.5_wp*moving(i, j)
-        end do
         change(j, j) = change(j, j) + 0.5_wp
       end do
       shapes = shapes + matmul(shapes, change)

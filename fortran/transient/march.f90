@@ -31,6 +31,7 @@ module viscovib_march
     procedure :: inside_part => inside_each
     procedure(real_interface), deferred :: furthest
     procedure(real_interface), deferred :: resolution
+    procedure :: phase_errors => no_errors
     procedure(size_interface), deferred :: n_observed
     procedure(size_interface), deferred :: memory_size
     procedure(save_interface), deferred :: save_memory
@@ -155,6 +156,14 @@ contains
     class(march_type), intent(in) :: self
     n_all = self%n_observed()
   end function n_all
+
+  !> By how much what is observed may be off, (u_1, u'_1, ...), by rounding of frequencies that
+  !! were computed beforehand.
+  pure function no_errors(self) result(errors)
+    class(march_type), intent(in) :: self
+    real(wp) :: errors(2*self%n_observed())
+    errors = 0.0_wp
+  end function no_errors
 
   !> Some coordinates and their velocities at places of a part of the last step.
   subroutine inside_each(self, begin, width, points, which, u, v)

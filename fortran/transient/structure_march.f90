@@ -23,12 +23,13 @@ module viscovib_structure_march
   use viscovib_oscillator, only: oscillator_type
   use viscovib_step_equations, only: new_step_equations, step_equations_type
   use viscovib_structure_inside, only: state_inside
+  use viscovib_structure_phases, only: new_phases, phases_type
   use viscovib_structure_places, only: places_type
   use viscovib_structure_settle, only: settle_at_once
   use viscovib_structure_state, only: padded_rows, padded_sections, set_state, show_state, &
     start_state, state_type
-  use viscovib_structure_step, only: bends_of, make_step, maps_type, new_maps, part_type, &
-    structure_panels
+  use viscovib_structure_step, only: bends_of, lengthen, make_step, maps_holder, new_maps, &
+    part_type, structure_panels
   use viscovib_time_load, only: load_clock, new_clock, new_swing, time_load_type
   implicit none
   private
@@ -37,11 +38,6 @@ module viscovib_structure_march
 
   !> Rounds in which places at the start are found, where elements remember.
   integer, parameter :: n_settling = 5
-
-  !> A map by its place, so that maps can be moved.
-  type :: maps_holder
-    type(maps_type), allocatable :: maps
-  end type maps_holder
 
   !> The state are the modes.
   type, extends(graded_march_type) :: structure_march_type
@@ -68,6 +64,8 @@ module viscovib_structure_march
     integer, private :: n_parts = 0
     !> What events look at in every step.
     type(places_type), private :: places
+    !> As of `phase_errors`.
+    type(phases_type), private :: phases
     !> Room for a step.
     real(wp), allocatable, private :: points(:, :), g(:, :), values(:), columns(:), recalled(:)
   contains
@@ -82,6 +80,7 @@ module viscovib_structure_march
     procedure :: inside_part
     procedure :: furthest
     procedure :: resolution
+    procedure :: phase_errors
     procedure :: n_observed
     procedure :: memory_size
     procedure :: save_memory
@@ -134,6 +133,7 @@ contains
     end if
     call new_channels(run%channels, system, held)
     call set_state(run%state, run%sections, q, v)
+    call new_phases(run%phases, run%sections)
     call new_history(run%history, run%keeping, system, run%channels, run%table, past, h, t_end, &
                      tolerance, possible, shortest, kinks)
     if (.not. possible) then
@@ -242,22 +242,14 @@ contains
     real(wp), intent(in) :: t, h
     logical, intent(out) :: made
     real(wp) :: e(self%table%s, 0:self%table%s + 1, 0:size(system%kernels))
-    type(maps_holder), allocatable :: grown(:)
     logical :: singular
-    integer :: k
 
     self%h = h
     self%rolling = .false.
     if (size(self%channels%kernel_of) > 0) call self%history%change_step(h)
     singular = .false.
     call place_of(self%lengths, self%n_lengths, h, self%now)
-    if (size(self%lengths) > size(self%maps)) then
-      allocate (grown(size(self%lengths)))
-      do k = 1, size(self%maps)
-        call move_alloc(self%maps(k)%maps, grown(k)%maps)
-      end do
-      call move_alloc(grown, self%maps)
-    end if
+    if (size(self%lengths) > size(self%maps)) call lengthen(self%maps, size(self%lengths))
     if (self%now > self%n_lengths) then
       if (.not. allocated(self%maps(self%now)%maps)) allocate (self%maps(self%now)%maps)
       call remaining_weights(system, self%table, h, e)
@@ -308,6 +300,7 @@ contains
     end associate
     call self%clock%advance(until)
     call self%swing%advance(until)
+    call self%phases%follow(self%state, until)
     self%rolling = .true.
   end subroutine plain_step
 
@@ -446,6 +439,13 @@ contains
     if (size(self%equations%y) + size(self%recalled) == 0) return
     resolution = self%state%resolution(self%sections)
   end function resolution
+
+  !> As of a `march_type`.
+  pure function phase_errors(self) result(errors)
+    class(structure_march_type), intent(in) :: self
+    real(wp) :: errors(2*self%n_observed())
+    errors = self%phases%errors(self%sections, self%shown, self%shown_left)
+  end function phase_errors
 
   subroutine sharpen(self)
     class(structure_march_type), intent(inout) :: self

@@ -16,7 +16,8 @@ module viscovib_structure_step
   implicit none
   private
 
-  public :: bends_of, make_step, maps_type, new_maps, part_type, structure_panels
+  public :: bends_of, lengthen, make_step, maps_holder, maps_type, new_maps, part_type
+  public :: structure_panels
 
   !> Part of the displacements that nonlinear forces move on a step in which a motion may escape.
   real(wp), parameter :: bending = 1.0e-3_wp
@@ -27,6 +28,11 @@ module viscovib_structure_step
     type(modal_map_type) :: modal
     type(condensed_map_type) :: condensed
   end type maps_type
+
+  !> A map by its place, so that maps can be moved.
+  type :: maps_holder
+    type(maps_type), allocatable :: maps
+  end type maps_holder
 
   !> What tells the motion inside a step: its nodes, start, length, the state there, and forces at
   !! the nodes, shape (s, n_pushed).
@@ -69,6 +75,20 @@ contains
                            maps%modal%answer(:, :table%s*r), e, singular)
     maps%condensed%step%h = h
   end subroutine new_maps
+
+  !> Room for n maps.
+  subroutine lengthen(maps, n)
+    type(maps_holder), allocatable, intent(inout) :: maps(:)
+    integer, intent(in) :: n
+    type(maps_holder), allocatable :: grown(:)
+    integer :: k
+
+    allocate (grown(n))
+    do k = 1, size(maps)
+      call move_alloc(maps(k)%maps, grown(k)%maps)
+    end do
+    call move_alloc(grown, maps)
+  end subroutine lengthen
 
   !> Nonlinear part of hereditary variables at the start of the next step.
   subroutine bends_of(equations, system, maps, state)

@@ -150,9 +150,12 @@ def told_in_one_way(run: Trajectory, like: Trajectory) -> Trajectory:
 
 def least_error(run: Trajectory) -> float:
     """What rounding leaves of states, and what stands for kernels, which no two runs tell."""
-    part = 0.0 if run._resume is None else run._resume.represented
+    found = max(rounding_of(run.state), _rounding_of_times(run))
+    if run._resume is None:
+        return found
     size = float(np.abs(run.state).max(initial=0.0))
-    return max(rounding_of(run.state), part * size, _rounding_of_times(run))
+    phases = 0.0 if run.outcome == "diverged" else run._resume.by_phases
+    return max(found, run._resume.represented * size, phases)
 
 
 def _rounding_of_times(run: Trajectory) -> float:
@@ -222,6 +225,8 @@ class Run(ABC):
 
     #: Relative error of what stands for kernels, which two runs may share.
     represented: float = 0.0
+    #: What rounding of frequencies computed beforehand makes of states, which all runs share.
+    by_phases: float = 0.0
     #: What the native calls count.
     counts: ClassVar[str]
     #: Whether wanted times are told by the polynomials of steps, at no steps of their own.

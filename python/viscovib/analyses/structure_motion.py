@@ -421,12 +421,14 @@ class StructureRun(MountRun):
         given["watched"], given["sides"], given["most"] = self._watched()
         (
             states, at_times, last, kept, n_kept, made, n_reached, reached, ended, counted, rough,
-            reason, found, n_found, too_long,
+            reason, found, n_found, too_long, phased,
         ) = _native.call_either(
             count > _native.MANY_STEPS, partial(core.structure_simulate, **given)
         )  # fmt: skip
         self.resolution = float(rough)
         self.too_long = max(self.too_long, float(too_long))
+        phased = phased[: 2 * motion.places.size]
+        self.by_phases = max(self.by_phases, float(phased.max(initial=0.0)))
         self._refuse(reason)
         if reason == self.too_large:
             ended, reached = self.coarse, self.time

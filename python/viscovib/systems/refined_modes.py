@@ -1,7 +1,8 @@
 """Modes of matrices in which stiffnesses differ much, to the digits that their entries hold.
 
 An eigensolver leaves errors of 1e-16 of the largest square of a frequency in all of them: next to
-a spring of 1e8 times the others soft modes keep eight digits. What the modes found leave of their
+a spring of 1e8 times the others soft modes keep eight digits. Where all are alike the last one or
+two are lost, which in a long motion become its phase. What the modes found leave of their
 equations, computed beyond double precision, tells what they are off by:
 
     w_j = K r_j - omega_j^2 M r_j,    E_ij = r_i^T w_j/(omega_j^2 - omega_i^2),                  (1)
@@ -20,8 +21,6 @@ import numpy as np
 from viscovib._native import ComplexArray, FloatArray
 from viscovib.systems.exact_products import Sliced
 
-#: Squares of frequencies closer together than this keep their digits.
-_ALIKE = 0.03
 #: Changes of which the square is rounding, and changes too large for a step.
 _SMALL, _LARGE = 1e-8, 0.1
 #: Part of values that products of modes with residuals leave by rounding.
@@ -75,8 +74,10 @@ def refined_modes(
         change, plain, groups = _changes(off, squares, np.arange(squares.size))
         largest = float(np.abs(change).max())
         better = squares + (np.diag(off) + (change * off).sum(axis=0)) / np.diag(moving)
-        # Of modes that coincide only what they are not normal by is taken away, half by each.
-        change[plain] = (np.eye(squares.size) - moving)[plain] / 2
+        # What two are not normal by is taken away half by each, E_ij + E_ji = -r_i^T M r_j: (1)
+        # holds it in exact numbers only, and divides modes that nearly coincide by next to nothing.
+        change[plain | plain.T] = 0.0
+        change = (change - change.T + np.eye(squares.size) - moving) / 2
         turns = []
         for group in groups:
             own, middle = np.ix_(group, group), squares[group].mean()
@@ -204,9 +205,9 @@ class _Pencil:
 
 
 def bits_for(squares: FloatArray) -> float:
-    """Bits that products with the stiffness need for the least squares; 0: nothing is lost."""
+    """Bits that products with the stiffness need for the least squares; 0: all are 0."""
     sizes = squares[squares > 0]
-    if not sizes.size or sizes.min() > _ALIKE * sizes.max():
+    if not sizes.size:
         return 0
     return _BITS + min(_MOST_MORE, math.log2(sizes.max() / sizes.min()))
 
