@@ -358,6 +358,7 @@ def test_what_follows_from_the_harmonics(name):
 
 #: Where a result is one of several kinds of argument, and a scene's is told from a sweep's Dataset.
 _ASKED = {
+    "analyses/shooting.py: SteadyMotion",
     "analyses/signals.py: Trajectory",
     "analyses/starts.py: Trajectory",
     "analyses/structure_motion.py: StructureTrajectory",

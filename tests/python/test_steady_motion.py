@@ -127,8 +127,61 @@ def test_period_of_two_loads():
     assert abs(one.multipliers[0].imag) == 0
     two = vv.steady_motion(MASSES, 0.7554, load=[0, 0.1], initial=one, n_periods=2)
     np.testing.assert_allclose(two.state[0], one.state[0], atol=1e-9)
+    assert (one.repeats_after, two.repeats_after) == (1, 1)
+    assert "repeats after 1 period already" in repr(two)
     largest = np.abs(two.multipliers[0])
     assert largest == pytest.approx(np.abs(one.multipliers[0]) ** 2, rel=1e-6)
+
+
+def test_period_that_has_doubled():
+    """Beside the motion that is unstable behind a doubling is one that repeats after two."""
+    beside = [-1.92, -0.22, -0.69, 0.15]
+    for n_periods in (2, 4):
+        motion = vv.steady_motion(
+            MASSES, 0.7554, load=[0, 0.1], initial=beside, n_periods=n_periods
+        )
+        assert motion.repeats_after == 2
+        assert ("already" in repr(motion)) is (n_periods == 4)
+        assert motion.stable
+        apart = motion(motion.period / n_periods) - motion.state[0]
+        assert np.abs(apart).max() > 0.1
+        np.testing.assert_allclose(
+            motion(2 * motion.period / n_periods), motion.state[0], atol=1e-9
+        )
+
+
+def test_doubling_seen_over_two_periods():
+    """A doubling is a branch point of motions taken over two periods, at the same place."""
+    near = [-1.7437, -0.5182, -0.6096, 0.2772]
+    branch = vv.trace_motion(
+        MASSES, (0.755, 0.7556), load=[0, 0.1], initial=near, max_step=0.2, n_periods=2
+    )
+    (one,) = branch.crossings
+    assert one.kind == "branch point"
+    assert one.parameter == pytest.approx(0.755586159, abs=2e-9)
+    assert (branch.repeats_after == 1).all()
+    assert "of a shorter period than 2" in repr(branch)
+
+
+@pytest.mark.parametrize("time", [1e-12, 1e9])
+def test_units_of_time(time):
+    """In other units of time the same motion is found; its multipliers have no unit."""
+    motions = [
+        vv.steady_motion(
+            vv.PolynomialSystem(
+                mass=1, stiffness=t**-2, damping=0.1 / t, forces=f"{9 / t**2}*max(x - 0.2, 0)"
+            ),
+            0.8 / t,
+            load=0.5 / t**2,
+            initial=[0.0, 0.0],
+        )
+        for t in (1.0, time)
+    ]
+    x, v = motions[1].state[0]
+    np.testing.assert_allclose([x, v * time], motions[0].state[0], atol=1e-12)
+    np.testing.assert_allclose(
+        np.abs(motions[1].multipliers), np.abs(motions[0].multipliers), atol=1e-11
+    )
 
 
 def test_refused():

@@ -1,32 +1,31 @@
 """Branches of motions that repeat, in time: pseudo-arclength continuation of the map of a period.
 
-Points are z = (state, parameter), measured by the size of the first motion and by the range.
+What is followed stands in `motion_path`, what happens on the way in `motion_crossings`.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, replace
 from functools import partial
 from itertools import pairwise
-from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 from viscovib import _native
-from viscovib._native import ComplexArray, FloatArray
+from viscovib._native import FloatArray
 from viscovib.analyses.accuracy import Accuracy
 from viscovib.analyses.following import _Way
+from viscovib.analyses.motion_crossings import events
+from viscovib.analyses.motion_path import MotionPath, MotionPoint
 from viscovib.analyses.period_map import PeriodMap
 from viscovib.analyses.shooting import (
     MOST_PERIODS,
-    SHOWN,
     Refined,
     allowed_of,
     begin_at,
     judged,
     motion_of,
+    repeats_after,
 )
 from viscovib.errors import InputError
 from viscovib.results.curves import Crossing
@@ -38,94 +37,10 @@ from viscovib.systems.structure import Structure
 
 #: Steps along the branch: the first, the longest and the shortest, in units of z.
 _FIRST_STEP, _SHORTEST = 0.005, 1e-9
-#: Distance of differences by the parameter, as a part of it.
-_APART = 1e-6
 #: Cosine of the angle between two tangents: shorter steps below, longer ones above.
 _BENT, _STRAIGHT = 0.97, 0.998
-_MOST_TURNS, _EASY = 8, 4
-#: Turns by which a crossing is located, and how near to each other its ends are then.
-_LOCATING, _NEAR = 80, 1e-13
-#: Multipliers whose imaginary part is more than this part of them are a pair.
-_PAIRED = 1e-7
-
-
-class _Point(NamedTuple):
-    """A motion on the branch."""
-
-    z: FloatArray
-    tangent: FloatArray
-    by_start: FloatArray
-    passed: int
-    correction: float
-    turns: int
-
-    @property
-    def multipliers(self) -> ComplexArray:
-        return np.asarray(np.linalg.eigvals(self.by_start).astype(complex))
-
-
-@dataclass
-class _Path:
-    """What is followed: the map at each value of the parameter, in so many steps."""
-
-    mapping: PeriodMap
-    way: _Way
-    steps: int
-    size: float
-    tolerance: float
-
-    def at(self, p: float) -> PeriodMap:
-        """The map at a value of what varies."""
-        if self.way.varies == "nu":
-            return replace(self.mapping, nu=p)
-        if self.way.varies == "load_factor":
-            return replace(self.mapping, series=self.mapping.series * p)
-        assert self.way.numbers is not None
-        return replace(self.mapping, flat=self.way.numbers.at(p))
-
-    @property
-    def units(self) -> FloatArray:
-        """What a number of z is in the units of the state and the parameter."""
-        reach = abs(self.way.finish - self.way.start)
-        return np.append(self.size / self.mapping.weights, reach)
-
-    def correct(self, guess: FloatArray, along: FloatArray) -> _Point | None:
-        """The motion nearest to a guess across a direction; None: Newton's method finds none."""
-        z, units, before = guess, self.units, np.inf
-        for turn in range(1, _MOST_TURNS + 1):
-            y, p = z[:-1] * units[:-1], float(z[-1] * units[-1])
-            if self.way.varies == "nu" and p <= 0:
-                return None
-            h = _APART * max(abs(p), units[-1])
-            here, left, right = (self.at(x).run(y, self.steps) for x in (p, p - h, p + h))
-            if any(one.outcome != "completed" for one in (here, left, right)):
-                return None
-            by_p = (right.last - left.last) / (2 * h)
-            matrix = np.zeros((z.size, z.size))
-            matrix[:-1, :-1] = (here.by_start - np.eye(y.size)) * units[:-1] / units[:-1, None]
-            matrix[:-1, -1] = by_p * units[-1] / units[:-1]
-            matrix[-1] = along
-            rest = np.append((here.last - y) / units[:-1], along @ (z - guess))
-            try:
-                both = np.linalg.solve(matrix, np.stack([-rest, np.eye(z.size)[-1]], axis=1))
-            except np.linalg.LinAlgError:
-                return None
-            step, tangent = both.T
-            correction = float(np.abs(step).max())
-            if not np.isfinite(correction) or correction > max(2 * before, 1.0):
-                return None
-            z = z + step
-            floor = 1e-3 * self.tolerance / self.size
-            if correction <= floor or (correction <= 1e-11 and correction > 0.3 * before):
-                tangent = tangent / np.linalg.norm(tangent)
-                return _Point(z, tangent, here.by_start, here.passed, correction, turn)
-            before = correction
-        return None
-
-    def between(self, one: _Point, other: _Point, part: float) -> _Point | None:
-        """A point on the way from one to another."""
-        chord = other.z - one.z
-        return self.correct(one.z + part * chord, chord / np.linalg.norm(chord))
+#: Iterations after which steps may become longer.
+_EASY = 4
 
 
 def trace_motion(
@@ -172,10 +87,13 @@ def trace_motion(
     Notes
     -----
     Pseudo-arclength continuation (Keller 1977) of P(y, p) = y. Between two points a fold is where
-    the tangent has no part along the parameter, a branch point where det(P' - 1), a period doubling
-    where det(P' + 1) is 0, a Neimark-Sacker point where a pair of multipliers is on the unit
-    circle, grazing where the number of switches changes. What happens twice between two points is
-    not seen: take a smaller ``max_step``.
+    the tangent has no part along the parameter, a branch point where the derivatives with the
+    tangent below have the determinant 0, a period doubling where det(P' + 1) is 0, a Neimark-Sacker
+    point where that of all products m_i m_j - 1 of multipliers is 0 by a pair that is not real
+    (Kuznetsov, Elements of Applied Bifurcation Theory, 10.2), grazing where the number of switches
+    changes. Where more multipliers pass the unit circle than these tell, the way between two
+    points is halved. What comes and goes between two points is not seen: take a smaller
+    ``max_step``.
 
     Examples
     --------
@@ -196,7 +114,7 @@ def trace_motion(
         raise InputError(f"max_step = {longest:g}: must be 1e-6 to 0.5")
     most = _native.integer("max_points", max_points, 2, 100_000)
     mapping = PeriodMap.checked(system, load, way.fixed, periods, method)
-    path = _Path(mapping, way, 0, 1.0, 1.0)
+    path = MotionPath(mapping, way, 0, 1.0, 1.0)
     begun = begin_at(system, path.at(way.start), initial, wanted)
     if begun.found.outcome != "converged":
         raise InputError(
@@ -204,7 +122,7 @@ def trace_motion(
             f"after {periods} of its load's periods: give another initial, or begin elsewhere"
         )
     weighed = np.abs(mapping.weights * begun.found.state).max(initial=0.0)
-    path = _Path(
+    path = MotionPath(
         mapping, way, begun.steps, float(weighed) or 1.0,
         allowed_of(wanted, mapping, begun.found.state),
     )  # fmt: skip
@@ -212,7 +130,9 @@ def trace_motion(
     return _branch(system, path, points, outcome, periods)
 
 
-def _follow(path: _Path, state: FloatArray, longest: float, most: int) -> tuple[list[_Point], str]:
+def _follow(
+    path: MotionPath, state: FloatArray, longest: float, most: int
+) -> tuple[list[MotionPoint], str]:
     """Points from the beginning of the range to its end."""
     way, units = path.way, path.units
     ahead = 1.0 if way.finish > way.start else -1.0
@@ -252,77 +172,10 @@ def _follow(path: _Path, state: FloatArray, longest: float, most: int) -> tuple[
     return points, "points"
 
 
-def _signs(point: _Point) -> dict[str, float]:
-    """Functions of which each changes its sign at a crossing of its kind."""
-    one = np.eye(point.by_start.shape[0])
-    pairs = [m for m in point.multipliers if m.imag > _PAIRED * abs(m)]
-    nearest = min(pairs, key=lambda m: abs(abs(m) - 1), default=None)
-    return {
-        "fold": float(point.tangent[-1]),
-        "branch point": float(np.linalg.det(point.by_start - one)),
-        "period doubling": float(np.linalg.det(point.by_start + one)),
-        "Neimark-Sacker": np.nan if nearest is None else float(abs(nearest) - 1),
-    }
-
-
-def _sign(kind: str, point: _Point) -> float:
-    return _signs(point)[kind]
-
-
-def _found_between(path: _Path, one: _Point, other: _Point) -> list[tuple[str, float]]:
-    """What happens between two points, in its order, and where along the parameter."""
-    found: dict[str, tuple[float, float]] = {}
-    before, behind = _signs(one), _signs(other)
-    changed = [kind for kind in before if before[kind] * behind[kind] < 0]
-    if "fold" in changed and "branch point" in changed:
-        # At a fold a multiplier passes 1 as well.
-        changed.remove("branch point")
-    for kind in changed:
-        found[kind] = _located(path, one, other, partial(_sign, kind))
-    if one.passed != other.passed:
-        found["grazing"] = _located(
-            path, one, other, lambda point: 1.0 if point.passed == other.passed else -1.0
-        )
-    return [(kind, found[kind][1]) for kind in sorted(found, key=lambda kind: found[kind][0])]
-
-
-def _located(
-    path: _Path, one: _Point, other: _Point, function: Callable[[_Point], float]
-) -> tuple[float, float]:
-    """Where on the way a function passes 0, and the parameter there; NaN: lost.
-
-    By the rule of Illinois, and halving where that is slow.
-    """
-    low, high, last = 0.0, 1.0, 0
-    at_low, at_high = function(one), function(other)
-    p_low, p_high = float(one.z[-1]), float(other.z[-1])
-    for turn in range(_LOCATING):
-        part = low + (high - low) * at_low / (at_low - at_high)
-        if turn % 4 == 3 or not low < part < high:
-            part = 0.5 * (low + high)
-        point = path.between(one, other, part)
-        if point is None:
-            return low, float("nan")
-        value = function(point)
-        if np.isnan(value):
-            return low, float("nan")
-        if value * at_low > 0:
-            low, at_low, p_low = part, value, float(point.z[-1])
-            at_high *= 0.5 if last == 1 else 1.0
-            last = 1
-        else:
-            high, at_high, p_high = part, value, float(point.z[-1])
-            at_low *= 0.5 if last == 2 else 1.0
-            last = 2
-        if high - low <= _NEAR or value == 0:
-            break
-    return low, 0.5 * (p_low + p_high) * float(path.units[-1])
-
-
 def _branch(
     system: PolynomialSystem | Structure,
-    path: _Path,
-    points: list[_Point],
+    path: MotionPath,
+    points: list[MotionPoint],
     outcome: str,
     n_periods: int,
 ) -> MotionBranch:
@@ -330,26 +183,29 @@ def _branch(
     n, units = 2 * path.mapping.n_dof, path.units
     values = np.array([point.z[-1] * units[-1] for point in points])
     refined: list[Refined] = []
-    lows, highs = [], []
+    lows, highs, sooner = [], [], []
     for point, p in zip(points, values, strict=True):
         mapping, state = path.at(float(p)), point.z[:-1] * units[:-1]
         one = judged(mapping, state, path.steps, point.correction * path.size)
         refined.append(one)
-        times = np.linspace(0.0, mapping.period, SHOWN, endpoint=False)
-        shown = mapping.run(state, path.steps, times=times).at_times[:, ::2]
-        lows.append(shown.min(axis=0))
-        highs.append(shown.max(axis=0))
-    folds, grazings, crossings = [], [], []
+        sooner.append(repeats_after(mapping, one))
+        low, high = path.reach(point)
+        lows.append(low)
+        highs.append(high)
+    folds, grazings, crossings, marks = [], [], [], []
     for i, (before, behind) in enumerate(pairwise(points)):
-        for kind, p in _found_between(path, before, behind):
-            if kind == "fold":
-                folds.append(p)
-            if kind == "grazing":
-                grazings.append(p)
+        blur = max(one.multiplier_error for one in refined[i : i + 2])
+        sure = None not in (refined[i].stable, refined[i + 1].stable)
+        for event in events(path, before, behind, blur):
+            place = None if event.point is None else float(event.point.z[-1] * units[-1])
+            if event.point is not None and place is not None:
+                marks.append((event.kind, place, path.reach(event.point)[1]))
+            if event.kind == "fold":
+                folds.append(np.nan if place is None else place)
+            if event.kind == "grazing":
+                grazings.append(np.nan if place is None else place)
             else:
-                place = None if np.isnan(p) else p
-                sure = None not in (refined[i].stable, refined[i + 1].stable)
-                crossings.append(Crossing(kind, i, place, sure=sure))
+                crossings.append(Crossing(event.kind, i, place, sure=sure))
     makers = [
         partial(motion_of, system, path.at(float(p)), one)
         for p, one in zip(values, refined, strict=True)
@@ -371,5 +227,7 @@ def _branch(
         outcome=outcome,
         n_periods=n_periods,
         system=system,
+        repeats_after=np.array(sooner, dtype=np.int64),
+        _marks=tuple(marks),
         _points=tuple(makers),
     )

@@ -190,18 +190,27 @@ class PeriodMap:
             outcome = "grazing"
         return Ran(last, by_start, at_times.T[:n_reached], int(passed), outcome, float(reached))
 
+    def step_back(self, by_start: FloatArray, rest: FloatArray) -> tuple[FloatArray, float]:
+        """Newton's step (1 - P')^-1 rest to a state that comes back, and how much it enlarges.
+
+        In the units of `weights`, so that no unit of time makes a small singular value of it.
+        """
+        weights = self.weights
+        balanced = weights[:, None] * (np.eye(self.size) - by_start) / weights
+        inverse = np.linalg.pinv(balanced, rcond=_EPS)
+        step = inverse @ (weights * rest) / weights
+        return step, float(np.abs(inverse).sum(axis=1).max())
+
     def solve(self, start: FloatArray, steps: int, tolerance: float) -> Found:
         """Newton's method for a state that comes back; corrections are measured by `weights`."""
-        state, weights, one = start, self.weights, np.eye(self.size)
+        state, weights = start, self.weights
         ran = self.run(state, steps)
         if ran.outcome != "completed":
             return Found(state, ran.by_start, ran.passed, "diverged", 0, math.inf, math.inf)
         last_size, correction = math.inf, math.inf
         for turn in range(1, _MOST_TURNS + 1):
             rest = ran.last - state
-            inverse = np.linalg.pinv(one - ran.by_start, rcond=_EPS)
-            enlarged = float(np.abs(weights[:, None] * inverse / weights).sum(axis=1).max())
-            step = inverse @ rest
+            step, enlarged = self.step_back(ran.by_start, rest)
             correction = float(np.abs(weights * step).max())
             size = float(np.abs(weights * state).max())
             floor = _LEFT * _EPS * size * max(1.0, enlarged)

@@ -90,7 +90,7 @@ def steady_motion(
         periods, or later if that leads nowhere.
     n_periods : int
         Periods of the load after which the motion repeats, 1 to 64: 2 for one whose period has
-        doubled. One that repeats sooner is found too, if it is near.
+        doubled. One that repeats sooner is found too, if it is near: `repeats_after` tells.
     method : {"auto", "gauss8", "gauss16"}
         As for `simulate`; "auto" is "gauss8". "gauss16" of at most 6 coordinates without memory.
     tolerance : float
@@ -258,14 +258,10 @@ def _judged(
 def judged(mapping: PeriodMap, state: FloatArray, steps: int, correction: float) -> Refined:
     """Errors of a state that comes back in so many steps, by one step more."""
     one, other = (mapping.run(state, n) for n in (steps, steps + 1))
-    inverse = np.linalg.pinv(np.eye(mapping.size) - one.by_start, rcond=_EPS)
-    weights = mapping.weights
-    enlarged = float(np.abs(weights[:, None] * inverse / weights).sum(axis=1).max())
+    step, enlarged = mapping.step_back(one.by_start, other.last - one.last)
     outcome = "converged" if one.outcome == other.outcome == "completed" else "stalled"
     found = Found(state, one.by_start, one.passed, outcome, 0, correction, enlarged)
-    beside = found._replace(
-        state=state + inverse @ (other.last - one.last), by_start=other.by_start
-    )
+    beside = found._replace(state=state + step, by_start=other.by_start)
     told = _judged(mapping, found, beside, steps, 0)
     return told._replace(error=told.error + correction)
 
@@ -286,6 +282,28 @@ def _multiplier_error(found: Found, other: Found, mapping: PeriodMap) -> float:
     return float(conditions[leading].max(initial=1.0)) * moved
 
 
+def repeats_after(mapping: PeriodMap, found: Refined) -> int:
+    """After how many periods of the load the motion comes back already, to its error.
+
+    Newton's step of the map of a part of the time tells how far the nearest motion is that repeats
+    after that part.
+    """
+    weights, state = mapping.weights, found.found.state
+    size = float(np.abs(weights * state).max(initial=0.0))
+    for periods in range(1, mapping.n_periods):
+        if mapping.n_periods % periods or found.found.outcome != "converged":
+            continue
+        part = replace(mapping, n_periods=periods)
+        ran = part.run(state, math.ceil(found.steps * periods / mapping.n_periods))
+        if ran.outcome != "completed":
+            continue
+        step, enlarged = part.step_back(ran.by_start, ran.last - state)
+        left = _LEFT * _EPS * size * max(1.0, enlarged)
+        if float(np.abs(weights * step).max()) <= 2 * found.error + left:
+            return periods
+    return mapping.n_periods
+
+
 def motion_of(
     system: PolynomialSystem | Structure, mapping: PeriodMap, found: Refined
 ) -> SteadyMotion:
@@ -297,6 +315,7 @@ def motion_of(
     return SteadyMotion(
         nu=mapping.nu,
         n_periods=mapping.n_periods,
+        repeats_after=repeats_after(mapping, found),
         t=t[: ran.at_times.shape[0]],
         state=ran.at_times,
         remembered=found.found.state[n:].copy(),

@@ -41,6 +41,8 @@ class MotionBranch(Result):
         True or False, or None where the largest is on the unit circle to its error.
     passages : ndarray of int, shape (n,)
         How often laws switch in a period.
+    repeats_after : ndarray of int, shape (n,)
+        After how many periods of the load motions repeat already, see `SteadyMotion`.
     error : ndarray, shape (n,)
         Estimated largest error of each state, velocities divided by ``nu``.
     folds, grazings : ndarray
@@ -75,7 +77,10 @@ class MotionBranch(Result):
     crossings: tuple[Crossing, ...]
     outcome: str
     n_periods: int
+    repeats_after: npt.NDArray[np.int64]
     system: Any
+    #: What is marked in pictures: kind, parameter, largest displacements.
+    _marks: tuple[tuple[str, float, FloatArray], ...] = field(repr=False)
     #: What makes the motion at each point.
     _points: tuple[Callable[[], SteadyMotion], ...] = field(repr=False)
 
@@ -91,6 +96,14 @@ class MotionBranch(Result):
         """Names of the coordinates."""
         return tuple(self.system.dof_names)
 
+    @property
+    def label(self) -> str:
+        """What varies, for the axis of a picture."""
+        if self.varies == "nu":
+            return r"circular frequency of the load $\nu$ (rad/s)"
+        name = "factor of the load" if self.varies == "load_factor" else self.varies
+        return f"{name}, at frequency {self.nu[0]:g} rad/s"
+
     def motion(self, i: int) -> SteadyMotion:
         """Return the motion at the i-th point."""
         place = _native.integer("i", i, -len(self._points), len(self._points) - 1)
@@ -100,7 +113,14 @@ class MotionBranch(Result):
         return (
             f"{self.outcome}, {things(self.parameter.size, 'point')}, "
             f"{things(self.folds.size, 'fold')}, {things(self.grazings.size, 'grazing')}"
+            + self._sooner()
         )
+
+    def _sooner(self) -> str:
+        early = int((self.repeats_after < self.n_periods).sum())
+        if not early:
+            return ""
+        return f", {things(early, 'motion')} of a shorter period than {self.n_periods}"
 
     def _scope(self) -> list[str]:
         stable = int(sum(one is True for one in self.stable))
@@ -143,6 +163,7 @@ class MotionBranch(Result):
                 "stable": ("point", codes_of(self.stable)),
                 "multiplier": (("point", "disturbance"), self.multipliers),
                 "passages": ("point", self.passages),
+                "repeats_after": ("point", self.repeats_after),
                 "error": ("point", self.error),
                 "parameter": ("point", self.parameter),
                 "folds": ("fold", self.folds),

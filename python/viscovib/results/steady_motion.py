@@ -30,7 +30,10 @@ class SteadyMotion(Result):
     nu : float
         Circular frequency of the load (rad/s).
     n_periods : int
-        After so many of its periods the motion repeats.
+        After so many of its periods the motion repeats; ``t`` and ``multipliers`` are of these.
+    repeats_after : int
+        After so many it does already, as far as its error tells: 1 of 2 where the motion found is
+        one whose period has not doubled.
     t, state : ndarray, shapes (n,) and (n, 2 n_dof)
         States at equal times over one period, ends of steps and between: each coordinate and its
         velocity. ``state[0]``
@@ -71,6 +74,7 @@ class SteadyMotion(Result):
 
     nu: float
     n_periods: int
+    repeats_after: int
     t: FloatArray
     state: FloatArray
     remembered: FloatArray
@@ -163,11 +167,14 @@ class SteadyMotion(Result):
 
     def _headline(self) -> str:
         words = {True: "stable", False: "unstable", None: "stability unknown"}[self.stable]
-        return f"{self.outcome}, {words}, {things(self.passages, 'passage')} of switches"
+        sooner = ""
+        if self.repeats_after < self.n_periods:
+            sooner = f", repeats after {things(self.repeats_after, 'period')} already"
+        return f"{self.outcome}, {words}, {things(self.passages, 'passage')} of switches{sooner}"
 
     def _scope(self) -> list[str]:
         return [
-            f"nu: {self.nu:.6g}; repeats after {things(self.n_periods, 'period')}; "
+            f"nu: {self.nu:.6g}; taken over {things(self.n_periods, 'period')}; "
             f"{named(self.dof_names, self.dof_units)}; {self.method}",
             f"estimated error {self.error:.1e}, step {self.step:.6g}, "
             f"{things(self.iterations, 'iteration')}",
@@ -202,7 +209,8 @@ class SteadyMotion(Result):
             },
             coords={"t": self.t, "column": columns},
             attrs={
-                "nu": self.nu, "n_periods": self.n_periods, "outcome": self.outcome,
+                "nu": self.nu, "n_periods": self.n_periods, "repeats_after": self.repeats_after,
+                "outcome": self.outcome,
                 "stable": {True: 1, False: 0, None: -1}[self.stable], "error": self.error,
                 "multiplier_error": self.multiplier_error, "passages": self.passages,
                 "iterations": self.iterations,
