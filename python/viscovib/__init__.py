@@ -48,7 +48,7 @@ _NAMES = {
     "plots.report_pages": "report",
     "plots.rubber": "plot_cole_cole plot_modulus plot_nomogram plot_van_gurp",
     "plots.scales": "plot_modulation plot_scales_response",
-    "plots.steady": "plot_backbone plot_branch plot_response",
+    "plots.steady": "plot_backbone plot_branch plot_motion_branch plot_response",
     "results.beats": "BeatingMotion",
     "results.branch": "Branch",
     "results.curves": "BranchPoint Crossing",
@@ -198,6 +198,7 @@ if TYPE_CHECKING:
     from viscovib.plots.steady import (
         plot_backbone as plot_backbone,
         plot_branch as plot_branch,
+        plot_motion_branch as plot_motion_branch,
         plot_response as plot_response,
     )
     from viscovib.results.beats import BeatingMotion as BeatingMotion

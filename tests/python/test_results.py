@@ -134,7 +134,7 @@ PARTS = {
     "data": _modulus,
 }
 DRAWN = set(RESULTS) - {
-    "basins", "branch of motions", "ensemble", "ensemble with an estimate", "lines", "body modes",
+    "basins", "ensemble", "ensemble with an estimate", "lines", "body modes",
     "mount forces", "modulation", "scales motion", "beating motion", "master curve",
     "kramers kronig", "fit", "prony fit",
 }  # fmt: skip

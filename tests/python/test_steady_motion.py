@@ -267,6 +267,36 @@ def test_branch_as_by_harmonics():
         np.testing.assert_allclose(one.state[-1], expected, atol=1e-9)
 
 
+def test_extremes_along_a_branch():
+    """They are those of the motions, and where contacts are short the curve is as smooth."""
+    near = [-1.7437, -0.5182, -0.6096, 0.2772]
+    branch = vv.trace_motion(
+        MASSES, (0.7540, 0.7545), load=[0, 0.1], initial=near, max_step=0.2, max_points=4
+    )
+    for i in range(branch.parameter.size):
+        motion = branch.motion(i)
+        dense = motion(np.linspace(0, motion.period, 4000))[:, ::2]
+        for d, name in enumerate(branch.dof_names):
+            low, high = motion.extremes(name)
+            assert (branch.smallest[i, d], branch.largest[i, d]) == pytest.approx(
+                (low, high), rel=1e-9
+            )
+            assert 0 <= high - dense[:, d].max() < 1e-4
+            assert 0 <= dense[:, d].min() - low < 1e-4
+
+
+def test_two_turns_between_two_times():
+    """A cubic whose velocity changes its sign twice between times is not missed."""
+    from viscovib.common.turns import extremes_of
+
+    def states_at(t):
+        return np.stack([t**3 - 0.03 * t, 3 * t**2 - 0.03], axis=1)
+
+    t = np.array([-0.17, 0.17])
+    low, high = extremes_of(t, states_at(t), states_at, 1e-15)
+    assert (low[0], high[0]) == pytest.approx((-0.002, 0.002), abs=1e-16)
+
+
 def test_contact_begins():
     """A gap is reached where the linear motion is as large as it: grazing, exactly known."""
     stop = vv.PolynomialSystem(mass=1, stiffness=1, damping=0.2, forces="20*max(x - 0.5, 0)")

@@ -47,6 +47,7 @@ NOTHING_TO_JUDGE = {
     "plot_backbone": _PICTURE,
     "plot_body": _PICTURE,
     "plot_branch": _PICTURE,
+    "plot_motion_branch": _PICTURE,
     "plot_energy": _PICTURE,
     "plot_map": _PICTURE,
     "plot_modulation": _PICTURE,

@@ -14,9 +14,12 @@ from viscovib._native import ComplexArray, FloatArray
 from viscovib.analyses.following import _Way
 from viscovib.analyses.period_map import PeriodMap
 from viscovib.analyses.shooting import SHOWN
+from viscovib.common.turns import extremes_of
 
 #: Distance of differences by the parameter, as a part of it; corrections behind which these stay.
 _APART, _SETTLED = 1e-6, 1e-5
+#: What extremes may be off by, as a part of them.
+_LEFT = 1e-9
 #: Iterations of Newton's method.
 _MOST_TURNS = 8
 
@@ -111,12 +114,16 @@ class MotionPath:
         return np.asarray((right.last - left.last) / (2 * h))
 
     def reach(self, point: MotionPoint) -> tuple[FloatArray, FloatArray]:
-        """Smallest and largest displacements of the motion at a point, among equal times."""
+        """Smallest and largest displacements of the motion at a point."""
         mapping = self.at(float(point.z[-1] * self.units[-1]))
-        times = np.linspace(0.0, mapping.period, SHOWN, endpoint=False)
         state = point.z[:-1] * self.units[:-1]
-        shown = mapping.run(state, self.steps, times=times).at_times[:, ::2]
-        return shown.min(axis=0), shown.max(axis=0)
+
+        def states_at(t: FloatArray) -> FloatArray:
+            return mapping.run(state, self.steps, times=t).at_times
+
+        t = np.linspace(0.0, mapping.period, max(SHOWN, self.steps) + 1)
+        states = states_at(t)
+        return extremes_of(t[: len(states)], states, states_at, _LEFT)
 
     def between(self, one: MotionPoint, other: MotionPoint, part: float) -> MotionPoint | None:
         """A point on the way from one to another."""

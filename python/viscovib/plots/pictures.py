@@ -18,11 +18,12 @@ from viscovib.errors import InputError, near_name
 from viscovib.plots.axes import moving
 from viscovib.plots.motions import motion_axes, plot_sections, plot_spectrum, plot_trajectory
 from viscovib.plots.scales import moving as moving_steadily, plot_modulation, plot_scales_response
-from viscovib.plots.steady import plot_backbone, plot_branch, plot_response
+from viscovib.plots.steady import plot_backbone, plot_branch, plot_motion_branch, plot_response
 from viscovib.plots.style import COLOURS, bare
 from viscovib.results.branch import Branch
 from viscovib.results.ensemble import Ensemble
 from viscovib.results.modulation import Modulation
+from viscovib.results.motion_branch import MotionBranch
 from viscovib.results.response import Response, lowest_order
 from viscovib.results.scales import ScalesResponse
 from viscovib.results.steady_motion import SteadyMotion
@@ -76,6 +77,14 @@ def _draw_driven(result: DrivenResponse, figure: "Figure", _: Drawn) -> None:
 
 def _draw_branch(result: Branch, figure: "Figure", _: Drawn) -> None:
     plot_branch(result, _rows(figure, [result]))
+
+
+def _moving_in_time(result: MotionBranch) -> tuple[str, ...]:
+    return moving(result.dof_names, result.largest)
+
+
+def _draw_motion_branch(result: MotionBranch, figure: "Figure", _: Drawn) -> None:
+    plot_motion_branch(result, figure.subplots(len(_moving_in_time(result)), 1, sharex=True))
 
 
 def _draw_driven_branch(result: DrivenBranch, figure: "Figure", more: Drawn) -> None:
@@ -148,6 +157,9 @@ _DRAWN: dict[type, tuple[Callable[..., Any], Callable[[Any], tuple[float, float]
     DrivenResponse: (_draw_driven, _panel_size, plot_response),
     Branch: (_draw_branch, _panel_size, plot_branch),
     DrivenBranch: (_draw_driven_branch, _panel_size, plot_branch),
+    MotionBranch: (
+        _draw_motion_branch, lambda r: (7, 3 * len(_moving_in_time(r))), plot_motion_branch,
+    ),
     Backbone: (_draw_backbone, _panel_size, plot_backbone),
     Trajectory: (_draw_trajectory, lambda r: (10, 2.4 * len(r.dof_names)), plot_trajectory),
     SteadyMotion: (_draw_trajectory, lambda r: (10, 2.4 * len(r.dof_names)), plot_trajectory),

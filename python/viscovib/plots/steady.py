@@ -15,8 +15,17 @@ from viscovib.analyses.driven import DrivenResponse
 from viscovib.analyses.driven_branch import DrivenBranch
 from viscovib.plots.axes import Shown, jumps_of, moving, torn
 from viscovib.plots.panels import Labels, chosen_panels, order_of
-from viscovib.plots.style import BY_STABILITY, COLOURS, STYLES, bare, harmonic_of
+from viscovib.plots.style import (
+    BY_STABILITY,
+    COLOURS,
+    STYLES,
+    bare,
+    harmonic_of,
+    in_brackets,
+    symbol,
+)
 from viscovib.results.branch import Branch
+from viscovib.results.motion_branch import MotionBranch
 from viscovib.results.response import Response
 
 if TYPE_CHECKING:
@@ -29,6 +38,8 @@ _CROSSING_MARKERS = {
     "period doubling": "D",
     "Neimark-Sacker": "v",
 }
+#: The same of motions in time.
+_MOTION_MARKERS = {"fold": "o", **_CROSSING_MARKERS, "grazing": "x"}
 _LABELS = Labels("labels")
 
 
@@ -175,7 +186,7 @@ def plot_branch(
 
     See Also
     --------
-    trace_response, plot_backbone
+    trace_response, plot_backbone, plot_motion_branch
     """
     _native.check_instance("branch", branch, Branch, DrivenBranch)
     shown = Shown.checked(x, y, reference)
@@ -216,7 +227,66 @@ def plot_branch(
     return axes
 
 
-def _stretch(branch: Branch | DrivenBranch, stable: bool | None) -> npt.NDArray[np.bool_]:
+def plot_motion_branch(
+    branch: MotionBranch, ax: Axes | Sequence[Axes] | None = None, *, x: str = "rad/s"
+) -> Sequence[Axes]:
+    """Draw the largest displacement along a branch of motions in time, one panel a coordinate.
+
+    Lines are those of `plot_branch`. Folds, branch points, period doublings, Neimark-Sacker points
+    and grazing are marked. Without ``ax``, coordinates that do not move have no panel.
+
+    Parameters
+    ----------
+    branch : MotionBranch
+    ax : Axes or sequence of them, optional
+        One a coordinate; None makes a figure.
+    x : {"rad/s", "hz"}
+        Unit of the frequency, where that varies.
+
+    Returns
+    -------
+    sequence of Axes
+
+    Examples
+    --------
+    >>> import viscovib as vv
+    >>> stop = vv.PolynomialSystem(mass=1, stiffness=1, damping=0.2, forces="20*max(x - 0.5, 0)")
+    >>> axes = vv.plot_motion_branch(vv.trace_motion(stop, (0.5, 1.5), load=0.3))
+
+    See Also
+    --------
+    trace_motion, plot_branch
+    """
+    _native.check_instance("branch", branch, MotionBranch)
+    shown = Shown.checked(x, "linear")
+    names, units = branch.dof_names, branch.system.dof_units
+    chosen, axes = chosen_panels(ax, names, moving(names, branch.largest))
+    circular = branch.varies == "nu"
+    for axis, name in zip(axes, chosen, strict=True):
+        d = names.index(name)
+        at = shown.places(branch.parameter, circular)
+        for stable, label, style in BY_STABILITY:
+            part = _stretch(branch, stable)
+            if part.any():
+                axis.plot(at, np.where(part, branch.largest[:, d], np.nan), label=label, **style)
+        for kind, marker in _MOTION_MARKERS.items():
+            here = [(p, largest[d]) for one, p, largest in branch._marks if one == kind]
+            if here:
+                places, values = np.array(here).T
+                axis.plot(
+                    shown.places(places, circular), values, marker, color="k", markersize=5,
+                    markerfacecolor="w", linestyle="none", label=kind,
+                )  # fmt: skip
+        axis.set_ylabel(f"largest ${symbol(name)}${in_brackets(units[d])}")
+        bare(axis)
+    axes[-1].set_xlabel(shown.x_label(branch.label, circular))
+    _name_once(axes[0])
+    return axes
+
+
+def _stretch(
+    branch: Branch | DrivenBranch | MotionBranch, stable: bool | None
+) -> npt.NDArray[np.bool_]:
     """Points of a branch of one stability; a stretch ends at the first point of the next."""
     if branch.stable is None:
         return np.full(branch.parameter.size, stable is None)

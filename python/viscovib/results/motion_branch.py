@@ -34,7 +34,7 @@ class MotionBranch(Result):
     state : ndarray, shape (n, 2 n_dof)
         State of each motion at t = 0; ``branch.motion(i)`` is the motion itself.
     smallest, largest : ndarray, shape (n, n_dof)
-        Extremes of each coordinate among 256 states of the period.
+        Extremes of each coordinate, where its velocity is 0, to about 1e-9 of them.
     multipliers : complex ndarray, shape (n, m)
         Floquet multipliers, the largest first.
     stable : ndarray, shape (n,)

@@ -12,13 +12,14 @@ from viscovib import _native
 from viscovib._native import ComplexArray, FloatArray
 from viscovib.common.counts import things
 from viscovib.common.results import Number, Panel, Result, named
+from viscovib.common.turns import extremes_of
 from viscovib.errors import InputError
 
 if TYPE_CHECKING:
     import xarray as xr
 
-#: Corrections of the place of an extremum.
-_MOST_TURNS = 60
+#: What a displacement where a velocity is 0 may be off by, as a part of it.
+_LEFT = 1e-15
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -138,32 +139,9 @@ class SteadyMotion(Result):
         Between the times ``t`` each turn is located by steps that lead there.
         """
         d = self._place(name)
-        q, v = self.state[:, 2 * d], self.state[:, 2 * d + 1]
-        found = [float(q.min()), float(q.max())]
-        for i in np.flatnonzero(v[:-1] * v[1:] < 0):
-            top = self._turn(d, float(self.t[i]), float(self.t[i + 1]), v[i], v[i + 1])
-            found = [min(found[0], top), max(found[1], top)]
-        return found[0], found[1]
-
-    def _turn(self, d: int, low: float, high: float, at_low: float, at_high: float) -> float:
-        """Displacement where a velocity passes 0: the rule of Illinois."""
-        q, last = 0.0, 0
-        for _ in range(_MOST_TURNS):
-            t = low + (high - low) * at_low / (at_low - at_high)
-            q, v = self(t)[2 * d : 2 * d + 2]
-            if v == 0 or high - low <= 4e-16 * max(high, 1e-300):
-                break
-            if v * at_low > 0:
-                low, at_low = t, v
-                at_high *= 0.5 if last == 1 else 1.0
-                last = 1
-            else:
-                high, at_high = t, v
-                at_low *= 0.5 if last == 2 else 1.0
-                last = 2
-            if abs(v) * (high - low) <= 1e-15 * abs(q):
-                break
-        return float(q)
+        own = self.state[:, 2 * d : 2 * d + 2]
+        low, high = extremes_of(self.t, own, lambda t: self(t)[:, 2 * d : 2 * d + 2], _LEFT)
+        return float(low[0]), float(high[0])
 
     def _headline(self) -> str:
         words = {True: "stable", False: "unstable", None: "stability unknown"}[self.stable]
