@@ -31,13 +31,15 @@ module viscovib_damped_modes
 
 contains
 
-  pure subroutine find_damped_modes(mass, damping, stiffness, poles, left, right, found)
+  pure subroutine find_damped_modes(mass, damping, stiffness, poles, left, right, found, low)
     !> Shape (n, n); the mass is not singular.
     real(wp), intent(in) :: mass(:, :), damping(:, :), stiffness(:, :)
     !> Shapes (2 n) and (n, 2 n); conjugates side by side.
     complex(wp), intent(out) :: poles(:), left(:, :), right(:, :)
     !> False of poles that coincide and have no vectors of their own: no such sum was found.
     logical, intent(out) :: found
+    !> What rounding took of the stiffness; absent: nothing.
+    real(wp), intent(in), optional :: low(:, :)
     real(wp) :: companion(size(poles), size(poles)), inverse(size(mass, 1), size(mass, 1))
     real(wp) :: factors(size(mass, 1), size(mass, 1))
     integer :: pivots(size(mass, 1)), i, n
@@ -75,7 +77,7 @@ contains
       end if
       i = i + 1
     end do
-    call refine(mass, damping, stiffness, poles, left, right)
+    call refine(mass, damping, stiffness, poles, left, right, low)
     call check_sums(inverse, poles, left, right, found)
   end subroutine find_damped_modes
 
@@ -131,9 +133,10 @@ contains
   !!
   !! (Peters and Wilkinson, SIAM Rev. 21 (1979) 339). What is left, Q x and Q^T y, has twice the
   !! digits; of the inverse a few are enough. A pole that would come near to another stays.
-  pure subroutine refine(mass, damping, stiffness, poles, left, right)
+  pure subroutine refine(mass, damping, stiffness, poles, left, right, low)
     real(wp), intent(in) :: mass(:, :), damping(:, :), stiffness(:, :)
     complex(wp), intent(inout) :: poles(:), left(:, :), right(:, :)
+    real(wp), intent(in), optional :: low(:, :)
     complex(wp) :: found(size(poles))
     real(wp) :: reach
     integer :: i, k
@@ -142,7 +145,7 @@ contains
     do i = 1, size(poles)
       if (aimag(poles(i)) < 0.0_wp) cycle
       reach = near*minval(abs(poles - poles(i)), mask=[(k /= i, k=1, size(poles))])
-      call refine_one(mass, damping, stiffness, reach, found(i), left(:, i), right(:, i))
+      call refine_one(mass, damping, stiffness, reach, found(i), left(:, i), right(:, i), low)
       if (.not. aimag(poles(i)) > 0.0_wp) cycle
       found(i + 1) = conjg(found(i))
       left(:, i + 1) = conjg(left(:, i))
@@ -151,12 +154,13 @@ contains
     poles = found
   end subroutine refine
 
-  pure subroutine refine_one(mass, damping, stiffness, reach, pole, x, y)
+  pure subroutine refine_one(mass, damping, stiffness, reach, pole, x, y, low)
     real(wp), intent(in) :: mass(:, :), damping(:, :), stiffness(:, :)
     !> How far the pole may move.
     real(wp), intent(in) :: reach
     !> With y^T Q'(pole) x = 1.
     complex(wp), intent(inout) :: pole, x(:), y(:)
+    real(wp), intent(in), optional :: low(:, :)
     complex(wp), dimension(size(x) + 1, size(x) + 1) :: bordered, inverse
     complex(wp), dimension(size(x)) :: better_x, better_y
     complex(wp), dimension(size(x) + 1) :: x_left, y_left
@@ -173,7 +177,7 @@ contains
     last = 1.0_wp
     do pass = 1, refining
       call look(mass, damping, stiffness, s, better_x, better_y, x_left, y_left, &
-                bordered(:n, n + 1), bordered(n + 1, :n), slope)
+                bordered(:n, n + 1), bordered(n + 1, :n), slope, low)
       better_y = better_y/slope
       if (last < small) exit
       bordered(:n, :n) = mass*s**2 + damping*s + stiffness
@@ -204,12 +208,14 @@ contains
   end subroutine refine_one
 
   !> Q x and Q^T y, Q' x and Q'^T y, y^T Q' x, to the last digits.
-  pure subroutine look(mass, damping, stiffness, s, x, y, x_left, y_left, x_slope, y_slope, slope)
+  pure subroutine look(mass, damping, stiffness, s, x, y, x_left, y_left, x_slope, y_slope, slope, &
+                       low)
     real(wp), intent(in) :: mass(:, :), damping(:, :), stiffness(:, :)
     complex(wp), intent(in) :: s, x(:), y(:)
     !> Each with a 0 behind it, shape (n + 1).
     complex(wp), intent(out) :: x_left(:), y_left(:)
     complex(wp), intent(out) :: x_slope(:), y_slope(:), slope
+    real(wp), intent(in), optional :: low(:, :)
     complex(real128), dimension(size(x)) :: qx, qy, dx, dy
     complex(real128) :: q, d, t
     integer :: i, j
@@ -231,6 +237,12 @@ contains
         dy(j) = dy(j) + d*y(i)
       end do
     end do
+    if (present(low)) then
+      do j = 1, size(x)
+        qx = qx + real(low(:, j), real128)*x(j)
+        qy(j) = qy(j) + sum(real(low(:, j), real128)*y)
+      end do
+    end if
     x_left = [cmplx(qx, kind=wp), (0.0_wp, 0.0_wp)]
     y_left = [cmplx(qy, kind=wp), (0.0_wp, 0.0_wp)]
     x_slope = cmplx(dx, kind=wp)

@@ -20,11 +20,13 @@ contains
   !> With M = L L', the eigenvalues of L^-1 K L'^-1 by Jacobi's rotations, which keep small ones
   !! to their last digits where the matrix allows it (Demmel and Veselic, SIAM J. Matrix Anal.
   !! Appl. 13 (1992) 1204).
-  pure subroutine find_symmetric_modes(mass, stiffness, squares, shapes)
+  pure subroutine find_symmetric_modes(mass, stiffness, squares, shapes, low)
     !> Shape (n, n).
     real(wp), intent(in) :: mass(:, :), stiffness(:, :)
     !> omega^2, ascending, shape (n); a column each, shape (n, n).
     real(wp), intent(out) :: squares(:), shapes(:, :)
+    !> What rounding took of the stiffness; absent: nothing.
+    real(wp), intent(in), optional :: low(:, :)
     real(wp) :: l(size(mass, 1), size(mass, 1)), a(size(mass, 1), size(mass, 1))
     real(wp) :: column(size(mass, 1)), value
     integer :: n, i, j, k
@@ -53,7 +55,7 @@ contains
         shapes(i, j) = (shapes(i, j) - sum(l(i + 1:, i)*shapes(i + 1:, j)))/l(i, i)
       end do
     end do
-    call refine(mass, stiffness, squares, shapes)
+    call refine(mass, stiffness, squares, shapes, low)
     do j = 2, n
       value = squares(j)
       column = shapes(:, j)
@@ -115,16 +117,17 @@ contains
   !!
   !! is off by the square of E (Ogita and Aishima, Japan J. Indust. Appl. Math. 35 (2018) 1007).
   !! Modes too near to each other for that are taken apart in what they span (Rayleigh and Ritz).
-  pure subroutine refine(mass, stiffness, squares, shapes)
+  pure subroutine refine(mass, stiffness, squares, shapes, low)
     real(wp), intent(in) :: mass(:, :), stiffness(:, :)
     real(wp), intent(inout) :: squares(:), shapes(:, :)
+    real(wp), intent(in), optional :: low(:, :)
     real(wp), dimension(size(squares), size(squares)) :: off, moving, change
     real(wp) :: better(size(squares)), most
     integer :: names(size(squares)), i, j, pass
 
     do pass = 1, passes
       do j = 1, size(squares)
-        off(:, j) = residual(mass, stiffness, squares(j), shapes(:, j))
+        off(:, j) = residual(mass, stiffness, squares(j), shapes(:, j), low)
       end do
       off = matmul(transpose(shapes), off)
       moving = matmul(transpose(shapes), matmul(mass, shapes))
@@ -151,8 +154,9 @@ contains
   end subroutine refine
 
   !> K r - omega^2 M r.
-  pure function residual(mass, stiffness, square, shape_of) result(left)
+  pure function residual(mass, stiffness, square, shape_of, low) result(left)
     real(wp), intent(in) :: mass(:, :), stiffness(:, :), square, shape_of(:)
+    real(wp), intent(in), optional :: low(:, :)
     real(wp) :: left(size(shape_of))
     real(real128) :: total(size(shape_of))
     integer :: i, k
@@ -165,6 +169,11 @@ contains
                                - real(square, real128)*mass(i, k))*shape_of(k)
       end do
     end do
+    if (present(low)) then
+      do k = 1, size(shape_of)
+        total = total + real(low(:, k), real128)*shape_of(k)
+      end do
+    end if
     left = real(total, wp)
   end function residual
 

@@ -61,12 +61,12 @@ contains
     !! largest entry of each 1, shape (n_places, n).
     real(wp), intent(out) :: omega(:), shapes(:, :)
     type(status_type), intent(out) :: status
-    real(wp), dimension(size(model%mass, 1), size(model%mass, 1)) :: stiffness, damping
+    real(wp), dimension(size(model%mass, 1), size(model%mass, 1)) :: stiffness, damping, low
     type(rest_type) :: rest
     type(modal_damping) :: none
     integer :: i
 
-    call add_linear(model, stiffness, damping)
+    call add_linear(model, stiffness, damping, low)
     damping = 0.0_wp
     if (.not. is_symmetric(stiffness)) then
       call fail(status, status_input_error, 'stiffness', 'stiffness: must be symmetric for modes ' &
@@ -74,7 +74,7 @@ contains
       return
     end if
     none%ratios = 0.0_wp*model%modal%ratios
-    call new_rest(rest, model%mass, damping, stiffness, model%places, none, status)
+    call new_rest(rest, model%mass, damping, stiffness, model%places, none, status, low)
     if (status%failed()) return
     omega = sign(sqrt(abs(rest%squares)), rest%squares)
     do i = 1, size(omega)

@@ -1,12 +1,13 @@
 !> Local elements of a structure, in as few directions as they need.
 module viscovib_structure_elements
+  use, intrinsic :: iso_fortran_env, only: real128
   use viscovib_kinds, only: wp
   use viscovib_law_term, only: law_term
   use viscovib_polynomial, only: max_degree, polynomial_parameters
   implicit none
   private
 
-  public :: element_type, find_directions, put_laws
+  public :: add_elements, element_type, find_directions, put_laws
 
   !> (1 - R*) [k d + f(d)] + c d' along e, d = e . u.
   type :: element_type
@@ -39,6 +40,31 @@ contains
     is_active = self%is_watched .or. size(self%laws) > 0 .or. any(abs(self%powers) > 0.0_wp) &
                 .or. (self%kernel > 0 .and. abs(self%stiffness) > 0.0_wp)
   end function is_active
+
+  !> Add their linear parts to K and C.
+  pure subroutine add_elements(elements, places, stiffness, damping, low)
+    type(element_type), intent(in) :: elements(:)
+    !> Places in terms of the coordinates, shape (n_places, n).
+    real(wp), intent(in) :: places(:, :)
+    real(wp), intent(inout) :: stiffness(:, :), damping(:, :)
+    !> What rounding took of K: the digits of soft springs beside a stiff element.
+    real(wp), intent(out), optional :: low(:, :)
+    real(real128), allocatable :: total(:, :)
+    real(wp) :: e(size(stiffness, 1))
+    integer :: a, i
+
+    if (present(low)) total = real(stiffness, real128)
+    do i = 1, size(elements)
+      e = matmul(elements(i)%direction, places)
+      do a = 1, size(e)
+        stiffness(:, a) = stiffness(:, a) + elements(i)%stiffness*e(a)*e
+        damping(:, a) = damping(:, a) + elements(i)%damping*e(a)*e
+        if (.not. (present(low) .and. abs(e(a)) > 0.0_wp)) cycle
+        total(:, a) = total(:, a) + real(elements(i)%stiffness, real128)*e(a)*e
+      end do
+    end do
+    if (present(low)) low = real(total - stiffness, wp)
+  end subroutine add_elements
 
   !> Independent directions of active elements, and each of these in terms of them.
   pure subroutine find_directions(elements, n, directions)

@@ -9,7 +9,8 @@ module viscovib_structure_model
   use viscovib_resonant_compliance, only: bordered, near_modes
   use viscovib_status, only: fail, set_ok, show, status_input_error, status_type, things
   use viscovib_structure, only: few_coordinates, structure_type
-  use viscovib_structure_elements, only: element_type, find_directions, put_laws
+  use viscovib_structure_elements, only: add_elements, element_type, find_directions, &
+    put_laws
   use viscovib_structure_rest, only: modal_damping, new_rest, rest_type
   use viscovib_symmetric_modes, only: find_symmetric_modes
   implicit none
@@ -59,14 +60,15 @@ contains
     type(structure_type), intent(out) :: system
     type(status_type), intent(out) :: status
     type(polynomial_parameters) :: p
-    real(wp), dimension(size(model%mass, 1), size(model%mass, 1)) :: stiffness, damping
+    real(wp), dimension(size(model%mass, 1), size(model%mass, 1)) :: stiffness, damping, low
     real(wp), allocatable :: inverse(:), seen(:, :)
     integer :: a, q
 
     call check_sizes(model, status)
     if (status%failed()) return
-    call add_linear(model, stiffness, damping)
-    call new_rest(model%rest, model%mass, damping, stiffness, model%places, model%modal, status)
+    call add_linear(model, stiffness, damping, low)
+    call new_rest(model%rest, model%mass, damping, stiffness, model%places, model%modal, status, &
+                  low)
     if (status%failed()) return
     call find_directions(model%elements, size(model%places, 1), model%directions)
     call model%rest%refuse_on_idle(model%directions, 'element', '&element: a law or a kernel', &
@@ -189,21 +191,15 @@ contains
   end subroutine check_sizes
 
   !> K and C with the linear parts of elements.
-  pure subroutine add_linear(model, stiffness, damping)
+  pure subroutine add_linear(model, stiffness, damping, low)
     type(structure_model), intent(in) :: model
     real(wp), intent(out) :: stiffness(:, :), damping(:, :)
-    real(wp) :: e(size(stiffness, 1))
-    integer :: a, i
+    !> As of `add_elements`.
+    real(wp), intent(out), optional :: low(:, :)
 
     stiffness = model%stiffness
     damping = model%damping
-    do i = 1, size(model%elements)
-      e = matmul(model%elements(i)%direction, model%places)
-      do a = 1, size(e)
-        stiffness(:, a) = stiffness(:, a) + model%elements(i)%stiffness*e(a)*e
-        damping(:, a) = damping(:, a) + model%elements(i)%damping*e(a)*e
-      end do
-    end do
+    call add_elements(model%elements, model%places, stiffness, damping, low)
   end subroutine add_linear
 
   !> C with the dampers of elements and Rayleigh's factors.

@@ -34,6 +34,8 @@ module viscovib_structure_rest
     complex(wp), allocatable :: poles(:), left(:, :), right(:, :)
     !> K where all modes are its, shape (n, n); empty where what has no mass follows.
     real(wp), allocatable :: springs(:, :)
+    !> What rounding took of it; not allocated: nothing.
+    real(wp), allocatable :: springs_low(:, :)
     !> Springs that rounding hides, a line; empty of others.
     character(len=:), allocatable :: hidden
     !> Which coordinates have no mass, and what they are in terms of the others.
@@ -48,7 +50,7 @@ module viscovib_structure_rest
 
 contains
 
-  subroutine new_rest(rest, mass, damping, stiffness, places, modal, status)
+  subroutine new_rest(rest, mass, damping, stiffness, places, modal, status, low)
     type(rest_type), intent(out) :: rest
     !> Shape (n, n), with the linear parts of elements.
     real(wp), intent(in) :: mass(:, :), damping(:, :), stiffness(:, :)
@@ -56,6 +58,8 @@ contains
     real(wp), intent(in) :: places(:, :)
     type(modal_damping), intent(in) :: modal
     type(status_type), intent(out) :: status
+    !> What rounding took of the stiffness.
+    real(wp), intent(in) :: low(:, :)
 
     call set_ok(status)
     rest%idle = .not. any(abs(mass) > 0.0_wp, 2)
@@ -65,6 +69,7 @@ contains
     else
       allocate (rest%follow(0, size(mass, 1)))
       rest%springs = stiffness
+      rest%springs_low = low
       call find_modes(rest, mass, damping, stiffness, places, places, modal, status)
     end if
   end subroutine new_rest
@@ -192,9 +197,10 @@ contains
     total = 0.0_real128
     do k = 1, size(u)
       do i = 1, size(u)
-        if (abs(self%springs(i, k)) > 0.0_wp) then
-          total(i) = total(i) + real(self%springs(i, k), real128)*u(k)
-        end if
+        associate (spring => self%springs(i, k), low => self%springs_low(i, k))
+          if (.not. (abs(spring) > 0.0_wp .or. abs(low) > 0.0_wp)) cycle
+          total(i) = total(i) + (real(spring, real128) + low)*u(k)
+        end associate
       end do
     end do
     pulled = real(total, wp)
@@ -225,7 +231,7 @@ contains
     n = size(mass, 1)
     rest%hidden = ''
     if (is_symmetric(stiffness) .and. is_symmetric(damping)) then
-      call find_symmetric_modes(mass, stiffness, squares, shapes)
+      call find_symmetric_modes(mass, stiffness, squares, shapes, rest%springs_low)
       ! Squares of frequencies that are rounding are 0: motions that no spring resists.
       pulled = matmul(abs(stiffness), abs(shapes))
       where (abs(squares) <= rounding*sum(abs(shapes)*pulled, 1)) squares = 0.0_wp
@@ -271,7 +277,8 @@ contains
     logical :: found
 
     allocate (rest%poles(2*size(mass, 1)))
-    call find_damped_modes(mass, damping, stiffness, rest%poles, left, right, found)
+    call find_damped_modes(mass, damping, stiffness, rest%poles, left, right, found, &
+                           rest%springs_low)
     if (found) then
       slowest = minval(abs(rest%poles))
       fastest = maxval(abs(rest%poles))

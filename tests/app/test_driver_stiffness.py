@@ -5,6 +5,7 @@ import warnings
 import numpy as np
 import pytest
 import viscovib as vv
+from driver import read_csv
 
 WORDS = "rounding hides the soft ones"
 
@@ -106,3 +107,42 @@ def test_weak_dampers_beside_a_strong_one(solve, tmp_path, between):
         ]
         dynamic = np.diag([1.0, 2]) + 1.1j * damping[:2, :2] - 1.21 * np.eye(2)
         assert found == pytest.approx(np.linalg.solve(dynamic, [0.1, 0]), rel=1e-12)
+
+
+@pytest.mark.parametrize("kind", ["none", "dampers"])
+def test_soft_motions_beside_stiff_elements(solve, tmp_path, kind):
+    """Sums of springs and elements keep what rounding takes of them, as by Python."""
+    rng = np.random.default_rng(9)
+    for i in range(4):
+        n = int(rng.integers(2, 5))
+        soft, weak = rng.normal(size=(2, n, n))
+        stiffness, mass = soft @ soft.T + 0.2 * np.eye(n), rng.uniform(0.5, 2, n)
+        damping = 0.02 * weak @ weak.T * (kind == "dampers")
+        high, on = float(10 ** rng.uniform(5, 8)), rng.normal(size=n)
+        start = np.linalg.solve(stiffness + high * np.outer(on, on), rng.normal(size=n))
+        initial = np.column_stack([start, 0 * start]).ravel()
+
+        def told(numbers):
+            return " ".join(map(repr, np.ravel(numbers).tolist()))
+
+        names = " ".join(f"'x{j + 1}'" for j in range(n))
+        path = tmp_path / f"stiff{i}.nml"
+        path.write_text(
+            f"&structure size={n} mass={told(mass)} stiffness={told(stiffness)}\n"
+            f"damping={told(damping)} /\n"
+            f"&element on={names} weights={told(on)} stiffness={high!r} /\n"
+            f"&transient t_end=8 keep='last' coordinates={names} initial={told(initial)} /\n"
+        )
+        done = solve(path, "--out", tmp_path)
+        assert done.returncode == 0, done.stderr
+        error = float(done.stdout.split("estimated error")[1])
+        run = vv.simulate(
+            vv.Structure(
+                mass=np.diag(mass), stiffness=stiffness, damping=damping,
+                elements=[vv.Spring(on=on, stiffness=high)],
+            ),
+            8, initial=initial, keep="last",
+        )  # fmt: skip
+        table = read_csv(tmp_path / f"stiff{i}_transient.csv")
+        found = [float(table[f"x{j + 1}{dot}"]) for j in range(n) for dot in ("", "_dot")]
+        assert np.abs(run.state[0] - found).max() <= run.error + error

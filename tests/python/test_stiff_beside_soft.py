@@ -115,6 +115,46 @@ def test_soft_motions_beside_stiff_springs_that_relax(kind):
         assert np.abs(run.state[0].reshape(n, 2).T - true).max() < 2e-13
 
 
+@pytest.mark.parametrize("kind", ["none", "dampers", "layer"])
+def test_soft_motions_beside_stiff_elements(kind):
+    """Sums of springs and elements are exact: rounding of a stiff one is as large as soft ones."""
+    rng = np.random.default_rng(9)
+    for _ in range(5):
+        n = int(rng.integers(2, 5))
+        soft, weak = rng.normal(size=(2, n, n))
+        stiffness = soft @ soft.T + 0.2 * np.eye(n)
+        stiffness, mass = (stiffness + stiffness.T) / 2, rng.uniform(0.5, 2, n)
+        damping = 0.02 * weak @ weak.T * (kind == "dampers")
+        damping = (damping + damping.T) / 2
+        high, on = float(10 ** rng.uniform(5, 8)), rng.normal(size=n)
+        start = np.linalg.solve(stiffness + high * np.outer(on, on), rng.normal(size=n))
+        layers, given = [], stiffness
+        if kind == "layer":
+            # One that hardly relaxes: a spring, but for what the sum of all rounds.
+            given = stiffness - np.diag(np.diag(stiffness)) / 2
+            slow = vv.PronyKernel(weights=[1e-30], rates=[1.0])
+            layers = [(np.diag(np.diag(stiffness)) / 2, slow)]
+        structure = vv.Structure(
+            mass=np.diag(mass), stiffness=given, damping=damping, layers=layers,
+            elements=[vv.Spring(on=on, stiffness=high)],
+        )  # fmt: skip
+        run = vv.simulate(
+            structure, 8, initial=np.column_stack([start, 0 * start]).ravel(), times=[8]
+        )
+        with mpmath.workdps(50):
+            a = mpmath.zeros(2 * n)
+            for j in range(n):
+                a[j, n + j] = 1
+                for k in range(n):
+                    spring = mpmath.mpf(high) * mpmath.mpf(on[j]) * mpmath.mpf(on[k])
+                    a[n + j, k] = -(mpmath.mpf(stiffness[j, k]) + spring) / mpmath.mpf(mass[j])
+                    a[n + j, n + k] = -mpmath.mpf(damping[j, k]) / mpmath.mpf(mass[j])
+            found = mpmath.expm(8 * a) * mpmath.matrix([*start, *np.zeros(n)])
+            true = np.array([float(x) for x in found]).reshape(2, n)
+        # It was off by up to 1e-8.
+        assert np.abs(run.state[0].reshape(n, 2).T - true).max() <= max(run.error, 1e-13)
+
+
 def test_soft_natural_frequencies_beside_a_stiff_spring():
     rng = np.random.default_rng(2)
     for _ in range(20):

@@ -52,6 +52,11 @@ class RelaxingPart(NamedTuple):
         return found
 
 
+def elastic_part(matrix: FloatArray) -> RelaxingPart:
+    """What is added to K and does not relax."""
+    return RelaxingPart(matrix, np.zeros(0), np.zeros(0), 1.0)
+
+
 def refined_modes(
     squares: FloatArray, shapes: FloatArray, mass: FloatArray, *stiffness: FloatArray
 ) -> tuple[FloatArray, FloatArray]:

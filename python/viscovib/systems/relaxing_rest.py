@@ -21,7 +21,13 @@ import numpy as np
 from viscovib._native import ComplexArray, FloatArray
 from viscovib.errors import InputError
 from viscovib.systems.exact_products import Sliced
-from viscovib.systems.refined_modes import RelaxingPart, bits_for, refined_modes, refined_poles
+from viscovib.systems.refined_modes import (
+    RelaxingPart,
+    bits_for,
+    elastic_part,
+    refined_modes,
+    refined_poles,
+)
 from viscovib.systems.structure_rest import ModalDamping, Remembered, Rest, dense_rest
 
 #: States of which all modes are computed.
@@ -59,12 +65,12 @@ def relaxing_rest(
     stiffness: FloatArray,
     modal: ModalDamping | None,
     layers: Sequence[Layer],
-    alone: FloatArray | None = None,
+    alone: Sequence[FloatArray] = (),
 ) -> Rest:
     """Return all modes of dense matrices with layers that relax.
 
     ``stiffness`` and ``modal`` are of the structure before anything relaxes; ``alone``: the
-    stiffness without layers, whose sum with them is rounded.
+    stiffness without layers, whose sum with them is rounded, as a sum itself.
     """
     if modal is not None and np.any(modal.loss):
         raise InputError("loss_factor: must be 0 with layers, whose kernels are their losses")
@@ -74,7 +80,7 @@ def relaxing_rest(
         if m.any()
     )
     if symmetric and mass.any(axis=1).all():
-        parts = [] if alone is None else [alone, *(layer[0] for layer in layers)]
+        parts = [*alone, *(layer[0] for layer in layers)] if alone else []
         stiff = dense_rest(mass, damping, stiffness, modal, parts=parts)
         bits = max(bits_for(np.abs(stiff.squares)), _BITS)
         seen = [_in_modes(stiff.shapes, part[0], bits) for part in layers]
@@ -93,7 +99,7 @@ def relaxing_rest(
 
     return Rest(
         zero, zero, zero, found.bodies, found.poles, found.left, found.right, given,
-        found.remembered, None, damping.__matmul__, stiffness if alone is None else alone,
+        found.remembered, None, damping.__matmul__, alone[0] if alone else stiffness,
         found.relaxing,
     )  # fmt: skip
 
@@ -185,9 +191,12 @@ def relaxing_modes(
     damping: FloatArray,
     stiffness: FloatArray,
     layers: Sequence[Layer],
-    alone: FloatArray | None = None,
+    alone: Sequence[FloatArray] = (),
 ) -> RelaxingModes:
-    """Return the modes of (1); ``stiffness`` is that before anything relaxes, ``alone`` without."""
+    """Return the modes of (1); ``stiffness`` is that before anything relaxes, ``alone`` without.
+
+    This is a sum, which floating point has rounded.
+    """
     n = mass.shape[0]
     idle = ~mass.any(axis=1)
     bodies = _bodies(mass, damping, stiffness, layers)
@@ -204,14 +213,16 @@ def relaxing_modes(
     if idle.any():
         flexibility = np.zeros((n, n))
         flexibility[np.ix_(idle, idle)] = system.bend
-    share = 0.0 if alone is None else 1.0
-    relaxing = tuple(RelaxingPart(*layer, share) for layer in layers)
+    share = 1.0 if alone else 0.0
+    held, *more_held = alone or (stiffness,)
+    relaxing = (
+        *(RelaxingPart(*layer, share) for layer in layers), *map(elastic_part, more_held),
+    )  # fmt: skip
 
     def more(at: ComplexArray, forces: ComplexArray) -> ComplexArray:
         moved = bodies @ ((bodies.T @ forces) / at**2)
         return moved if flexibility is None else moved + flexibility @ forces
 
-    held = stiffness if alone is None else alone
     poles, left, right = refined_poles(poles, left, right, mass, damping, held, relaxing, more)
     poles[np.abs(poles) <= _RIGID * np.abs(poles).max(initial=0.0)] = 0.0
     remembered = []

@@ -36,6 +36,7 @@ from viscovib.systems.structure_matrices import (
     linear_model,
     matrix_of,
     modal_damping_of,
+    stiffness_parts,
     told,
     with_elements,
 )
@@ -223,12 +224,12 @@ class Structure:
         stiffness, damping = with_elements(
             layers.added_to(self.stiffness), self.damping, self._all_elements
         )
+        parts = stiffness_parts(self.stiffness, self._all_elements)
         if layers.whole:
-            alone = with_elements(self.stiffness, self.damping, self._all_elements)[0]
             return relaxing_rest(
-                dense_of(self.mass), damping, stiffness, self._uncoupled, layers.dense, alone
+                dense_of(self.mass), damping, stiffness, self._uncoupled, layers.dense, parts
             )
-        return dense_rest(dense_of(self.mass), damping, stiffness, self._uncoupled)
+        return dense_rest(dense_of(self.mass), damping, stiffness, self._uncoupled, parts=parts)
 
     @cached_property
     def _condensation(self) -> Condensation:

@@ -107,6 +107,44 @@ def with_elements(
     return total, damped
 
 
+def stiffness_parts(stiffness: Any, elements: Sequence[ElementTerms]) -> tuple[FloatArray, ...]:
+    """K as in `with_elements` and, if any, what rounding of its sums took, whose sum is exact.
+
+    Next to a stiff element the digits of soft springs are there. Sums and products with what they
+    round off: Knuth, The Art of Computer Programming 2, 4.2.2; Dekker, Numer. Math. 18 (1971) 224.
+    """
+    total = dense_of(stiffness).copy()
+    left = np.zeros_like(total)
+    for element in elements:
+        k = element.powers.get(1, 0.0)
+        if not k:
+            continue
+        places = np.flatnonzero(element.direction)
+        e, own = element.direction[places], np.ix_(places, places)
+        square, square_left = _product(e[:, np.newaxis], e)
+        added, added_left = _product(np.float64(k), square)
+        before = total[own]
+        total[own] = after = before + added
+        kept = after - before
+        left[own] += (before - (after - kept)) + (added - kept) + added_left + k * square_left
+    return (total, left) if left.any() and np.isfinite(left).all() else (total,)
+
+
+def _product(a: Any, b: Any) -> tuple[Any, Any]:
+    """A product, rounded, and what rounding took."""
+    product = a * b
+    (a_high, a_low), (b_high, b_low) = _halves(a), _halves(b)
+    left = ((a_high * b_high - product) + a_high * b_low + a_low * b_high) + a_low * b_low
+    return product, left
+
+
+def _halves(a: Any) -> tuple[Any, Any]:
+    """Two numbers of half the digits each, of which a is the sum."""
+    part, power = np.frexp(a)
+    high = np.ldexp(np.round(np.ldexp(part, 26)), power - 26)
+    return high, a - high
+
+
 def linear_model(
     mass: Any,
     damping: Any,

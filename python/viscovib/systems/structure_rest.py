@@ -9,7 +9,13 @@ import numpy as np
 from viscovib._native import ComplexArray, FloatArray
 from viscovib.errors import InputError
 from viscovib.systems.exact_products import Sliced
-from viscovib.systems.refined_modes import RelaxingPart, bits_for, refined_modes, refined_poles
+from viscovib.systems.refined_modes import (
+    RelaxingPart,
+    bits_for,
+    elastic_part,
+    refined_modes,
+    refined_poles,
+)
 from viscovib.systems.stiffness_ratio import (
     warn_of_lost_modes,
     warn_of_lost_poles,
@@ -65,7 +71,7 @@ class Rest(NamedTuple):
     matrices: tuple[FloatArray, FloatArray, FloatArray] | None = None
     #: C u, all damping that the complex modes have; None: there are none.
     resisting: Callable[[FloatArray], FloatArray] | None = None
-    #: K and layers that relax of which all modes are; None: what has no mass follows.
+    #: K, and what is added to it, of which all modes are; None: what has no mass follows.
     springs: FloatArray | None = None
     relaxing: tuple[RelaxingPart, ...] = ()
 
@@ -102,17 +108,18 @@ def dense_rest(
 ) -> Rest:
     """Return all modes of dense matrices; ``quiet``: what rounding hides is told elsewhere.
 
-    ``parts``: a symmetric stiffness as a sum, which floating point has rounded.
+    ``parts``: the stiffness as a sum, which floating point has rounded.
     """
     from scipy.linalg import eigh
 
     n = mass.shape[0]
+    parts = parts or (stiffness,)
     if not mass.any(axis=1).all():
         return _condensed_rest(mass, damping, stiffness, modal)
     none = np.zeros((n, 0), dtype=complex)
     if _symmetric(stiffness) and _symmetric(damping):
         squares, shapes = eigh(stiffness, mass)
-        squares, shapes = refined_modes(squares, shapes, mass, *(parts or (stiffness,)))
+        squares, shapes = refined_modes(squares, shapes, mass, *parts)
         squares = without_rounding(squares, shapes, stiffness)
         if not quiet:
             warn_of_lost_modes(squares, shapes, mass, stiffness)
@@ -126,13 +133,14 @@ def dense_rest(
             rates = rates + modal.rates(squares)
             losses = losses + modal.loss
         if not coupled:
+            first, *more = ((part + part.T) / 2 for part in parts)
             return Rest(
-                squares, rates, losses, shapes, np.zeros(0, complex), none, none,
-                springs=(stiffness + stiffness.T) / 2,
+                squares, rates, losses, shapes, np.zeros(0, complex), none, none, springs=first,
+                relaxing=tuple(map(elastic_part, more)),
             )  # fmt: skip
     if modal is not None:
         damping = damping + _matrix_of(modal, mass, stiffness)
-    return _complex_rest(mass, damping, stiffness, quiet)
+    return _complex_rest(mass, damping, stiffness, quiet, parts)
 
 
 def _matrix_of(modal: ModalDamping, mass: FloatArray, stiffness: FloatArray) -> FloatArray:
@@ -240,7 +248,11 @@ def _rounding_of(seen: FloatArray, shapes: FloatArray, damping: FloatArray) -> F
 
 
 def _complex_rest(
-    mass: FloatArray, damping: FloatArray, stiffness: FloatArray, quiet: bool
+    mass: FloatArray,
+    damping: FloatArray,
+    stiffness: FloatArray,
+    quiet: bool,
+    parts: Sequence[FloatArray],
 ) -> Rest:
     """Modes of (s^2 M + s C + K) u = 0 by its companion pencil, right and left ones."""
     from scipy.linalg import eig
@@ -261,7 +273,9 @@ def _complex_rest(
         )
     left = rights[:n]
     right = inverse.T @ (lefts[n:].conj() / scale)
-    poles, left, right = refined_poles(poles, left, right, mass, damping, stiffness)
+    first, *more = parts
+    elastic = tuple(map(elastic_part, more))
+    poles, left, right = refined_poles(poles, left, right, mass, damping, first, elastic)
     # A motion that neither spring nor damper resists, but that dampers couple.
     poles[np.abs(poles) <= _RIGID * _fastest(poles, inverse @ stiffness)] = 0.0
     if not quiet:
@@ -270,7 +284,7 @@ def _complex_rest(
     given = mass, damping, stiffness
     return Rest(
         none, none, none, np.zeros((n, 0)), poles, left, right, matrices=given,
-        resisting=damping.__matmul__, springs=stiffness,
+        resisting=damping.__matmul__, springs=first, relaxing=elastic,
     )  # fmt: skip
 
 

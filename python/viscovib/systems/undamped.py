@@ -8,7 +8,7 @@ import numpy as np
 
 from viscovib.errors import InputError
 from viscovib.systems.condensed import Condensation, LoadedStructure
-from viscovib.systems.structure_matrices import dense_of, with_elements
+from viscovib.systems.structure_matrices import dense_of, stiffness_parts, with_elements
 from viscovib.systems.structure_rest import dense_rest
 
 
@@ -22,7 +22,11 @@ def undamped(structure: Any) -> LoadedStructure:
             structure._layers.added_to(structure.stiffness), structure.damping,
             structure._all_elements,
         )  # fmt: skip
-        rest = dense_rest(dense_of(structure.mass), 0 * damping, stiffness)
+        parts = [
+            *stiffness_parts(structure.stiffness, structure._all_elements),
+            *(dense_of(matrix) for matrix, _ in structure._layers.whole),
+        ]
+        rest = dense_rest(dense_of(structure.mass), 0 * damping, stiffness, parts=parts)
         if rest.poles.size:
             raise InputError("stiffness: must be symmetric for free motions without losses")
     nothing = np.zeros(rest.squares.size)
