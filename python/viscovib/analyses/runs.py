@@ -155,7 +155,7 @@ def least_error(run: Trajectory) -> float:
         return found
     size = float(np.abs(run.state).max(initial=0.0))
     phases = 0.0 if run.outcome == "diverged" else run._resume.by_phases
-    return max(found, run._resume.represented * size, phases)
+    return float(max(found, run._resume.represented * size, phases))
 
 
 def _rounding_of_times(run: Trajectory) -> float:
