@@ -155,6 +155,40 @@ def test_soft_motions_beside_stiff_elements(kind):
         assert np.abs(run.state[0].reshape(n, 2).T - true).max() <= max(run.error, 1e-13)
 
 
+@pytest.mark.parametrize("kind", ["of modes", "of its own"])
+def test_pasts_that_hardly_bend_stiff_layers(kind):
+    """What layers remember of the past acts by all digits of their matrices, as they do later."""
+    rng = np.random.default_rng(12)
+    for _ in range(5):
+        n, rate = int(rng.integers(2, 4)), float(10 ** rng.uniform(-1, 1))
+        # Of which the quotient is exact.
+        weight = rate / 2 ** rng.integers(1, 4)
+        joints = np.eye(n + 1, n) - np.eye(n + 1, n, k=-1)
+        springs, held = rng.uniform(0.5, 2, n + 1), rng.uniform(0.2, 0.8, n + 1)
+        springs[1:n] *= 10 ** rng.uniform(5, 8)
+        stiffness = joints.T @ (springs[:, np.newaxis] * joints)
+        layer = joints.T @ ((springs * held)[:, np.newaxis] * joints)
+        layer = stiffness / 2 if kind == "of modes" else (layer + layer.T) / 2
+        mass = rng.uniform(0.5, 2, n)
+        start = np.linalg.solve(stiffness, rng.normal(size=n))
+        kernel = vv.PronyKernel(weights=[weight], rates=[rate])
+        structure = vv.Structure(mass=np.diag(mass), stiffness=stiffness, layers=[(layer, kernel)])
+        run = vv.simulate(structure, 5, held=start, times=[5])
+        with mpmath.workdps(60):
+            a = mpmath.zeros(3 * n)
+            for j in range(n):
+                a[j, n + j], a[2 * n + j, j], a[2 * n + j, 2 * n + j] = 1, weight, -rate
+                for k in range(n):
+                    m, own = mpmath.mpf(mass[j]), mpmath.mpf(layer[j, k])
+                    a[n + j, k] = -(mpmath.mpf(stiffness[j, k]) + own) / m
+                    a[n + j, 2 * n + k] = own / m
+            past = start * (weight / rate)
+            found = mpmath.expm(5 * a) * mpmath.matrix([*start, *np.zeros(n), *past])
+            true = np.array([float(x) for x in found][: 2 * n]).reshape(2, n)
+        # It was off by up to 5e-10.
+        assert np.abs(run.state[0].reshape(n, 2).T - true).max() <= run.error
+
+
 def test_soft_natural_frequencies_beside_a_stiff_spring():
     rng = np.random.default_rng(2)
     for _ in range(20):

@@ -136,7 +136,7 @@ def _rest(model: LinearModel, found: Reduction, top: float) -> Rest:
         small = _relaxing(model, found)
         squares, rates, poles = small.squares, small.rates, small.poles
         left, right = shapes @ small.left, shapes @ small.right
-        remembered = tuple(one._replace(seen=inertia @ one.seen) for one in small.remembered)
+        remembered = tuple(one._replace(seen=inertia) for one in small.remembered)
         shapes = shapes @ small.shapes
     elif model.damping is not None:
         modal = ModalDamping(loss=model.loss) if model.loss else None

@@ -85,7 +85,9 @@ def relaxing_rest(
         bits = max(bits_for(np.abs(stiff.squares)), _BITS)
         seen = [_in_modes(stiff.shapes, part[0], bits) for part in layers]
         if stiff.squares.size and all(_is_diagonal(matrix) for matrix in seen):
-            return _mode_by_mode(mass, stiff, seen, layers)
+            springs, relaxing = _elastic_and_relaxing(stiffness, layers, alone)
+            rest = _mode_by_mode(mass, stiff, seen, layers)
+            return rest._replace(springs=springs, relaxing=relaxing)
     if modal is not None:
         damping = damping + _modal_matrix(mass, stiffness, modal)
     found = relaxing_modes(mass, damping, stiffness, layers, alone)
@@ -102,6 +104,16 @@ def relaxing_rest(
         found.remembered, None, damping.__matmul__, alone[0] if alone else stiffness,
         found.relaxing,
     )  # fmt: skip
+
+
+def _elastic_and_relaxing(
+    stiffness: FloatArray, layers: Sequence[Layer], alone: Sequence[FloatArray]
+) -> tuple[FloatArray, tuple[RelaxingPart, ...]]:
+    """K and what is added to it, of the stiffness as `relaxing_rest` has it."""
+    held, *more = alone or (stiffness,)
+    share = 1.0 if alone else 0.0
+    parts = (RelaxingPart(*layer, share) for layer in layers)
+    return held, (*parts, *map(elastic_part, more))
 
 
 def _in_modes(shapes: FloatArray, matrix: FloatArray, bits: float) -> FloatArray:
@@ -129,17 +141,16 @@ def _mode_by_mode(
         for m in places
     ]  # fmt: skip
     starts = np.concatenate([[0], np.cumsum([mode.poles.size for mode in modes])]).astype(int)
-    weighed = np.asarray(mass @ alone.shapes[:, places])
+    matrices = [matrix for matrix, _, rates in layers for _ in rates]
     remembered = []
     for i, parts in enumerate(zip(*(mode.remembered for mode in modes), strict=True)):
-        pushed = np.zeros((starts[-1], places.size), dtype=complex)
-        sizes = np.zeros(places.size)
+        pushed = np.zeros((starts[-1], mass.shape[0]), dtype=complex)
         for column, part in enumerate(parts):
-            if part.seen.size:
-                sizes[column] = part.seen[0, 0]
-                pushed[starts[column] : starts[column + 1], column] = part.pushed[:, 0]
+            if part.layer.any():
+                own = slice(starts[column], starts[column + 1])
+                pushed[own] = np.outer(part.pushed, alone.shapes[:, places[column]])
         first = modes[0].remembered[i]
-        remembered.append(Remembered(first.weight, first.rate, weighed * sizes, pushed))
+        remembered.append(Remembered(first.weight, first.rate, None, matrices[i], pushed))
 
     def spread(name: str) -> ComplexArray:
         columns = [
@@ -213,11 +224,7 @@ def relaxing_modes(
     if idle.any():
         flexibility = np.zeros((n, n))
         flexibility[np.ix_(idle, idle)] = system.bend
-    share = 1.0 if alone else 0.0
-    held, *more_held = alone or (stiffness,)
-    relaxing = (
-        *(RelaxingPart(*layer, share) for layer in layers), *map(elastic_part, more_held),
-    )  # fmt: skip
+    held, relaxing = _elastic_and_relaxing(stiffness, layers, alone)
 
     def more(at: ComplexArray, forces: ComplexArray) -> ComplexArray:
         moved = bodies @ ((bodies.T @ forces) / at**2)
@@ -226,12 +233,14 @@ def relaxing_modes(
     poles, left, right = refined_poles(poles, left, right, mass, damping, held, relaxing, more)
     poles[np.abs(poles) <= _RIGID * np.abs(poles).max(initial=0.0)] = 0.0
     remembered = []
-    for a, b, (acts, seen), first in system.places:
-        # right^T L/(pole + b), but for what does not move u.
-        pushed, beside = rows[:, first : first + seen.shape[1]].copy(), poles + b
+    matrices = [matrix for matrix, _, rates in layers for _ in rates]
+    for (a, b, (acts, seen), first), matrix in zip(system.places, matrices, strict=True):
+        # right^T/(pole + b), but for what does not move u.
+        beside = poles + b
         moving = np.abs(beside) > _BESIDE * b
-        pushed[moving] = (right.T @ acts)[moving] / beside[moving, np.newaxis]
-        remembered.append(Remembered(float(a), float(b), seen, pushed))
+        pushed = rows[:, first : first + seen.shape[1]] @ np.linalg.pinv(acts)
+        pushed[moving] = right.T[moving] / beside[moving, np.newaxis]
+        remembered.append(Remembered(float(a), float(b), None, matrix, pushed))
     found = RelaxingModes(poles, left, right, flexibility, tuple(remembered), bodies, relaxing)
     _check(found, mass, damping, stiffness, layers, system.middle)
     return found
@@ -379,13 +388,14 @@ def _defective() -> InputError:
 
 
 def remembered_of(one: Remembered, times: FloatArray, moved: FloatArray) -> FloatArray:
-    """N^T z(0), z' = -b z + a u, of straight lines between displacements at times up to 0.
+    """K_j y(0), y' = -b y + a u, of straight lines between displacements at times up to 0.
 
     The first is held before them. Over a piece of length l from u_0 to u_1, x = b l, it adds
     a l exp(b t_1) [u_0 g(x) + (u_1 - u_0) (1 - g(x))/x], g(x) = (1 - exp(-x))/x.
     """
     a, b = one.weight, one.rate
-    seen = one.seen.T @ moved
+    seen = moved if one.seen is None else one.seen.T @ moved
+    seen = Sliced(one.layer, 2 * _BITS).times(seen).astype(float)
     if b == 0 and seen[:, 0].any():
         raise InputError("held: a layer relaxes without end, what was held must be 0 at first")
     y = np.zeros(seen.shape[0])

@@ -33,15 +33,17 @@ _AT_ONCE = 1e10
 
 
 class Remembered(NamedTuple):
-    """What one exponential of a layer adds to the state of complex modes: z_l += pushed_l . N^T z.
+    """What one exponential of a layer K_j adds to the state of complex modes at the start.
 
-    z' = -rate z + weight u.
+    z_l += pushed_l . (K_j y), y' = -rate y + weight seen^T u; K_j y beyond double precision: what
+    hardly bends a stiff layer must not bend it by rounding.
     """
 
     weight: float
     rate: float
-    #: N, shape (n, r), and pushed, shape (p, r).
-    seen: FloatArray
+    #: Shape (n, k); None: the coordinates themselves. Then shapes (k, k) and (p, k).
+    seen: FloatArray | None
+    layer: FloatArray
     pushed: ComplexArray
 
 
