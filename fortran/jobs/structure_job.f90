@@ -1,6 +1,7 @@
 !> A motion of a structure in time as one job, as `viscovib_hereditary_job` has it of others: modes
 !! exactly from step to step, forces of its elements collocated (`viscovib_structure_march`).
 module viscovib_structure_job
+  use, intrinsic :: iso_fortran_env, only: real128
   use viscovib_base_motion, only: base_motion_type
   use viscovib_constants, only: pi
   use viscovib_hereditary_job, only: hereditary_job, hereditary_methods, hereditary_runs, &
@@ -181,11 +182,13 @@ contains
     type(structure_model), intent(in) :: model
     real(wp), intent(in) :: u(:), v(:)
     complex(wp) :: z(count(aimag(model%rest%poles) >= 0.0_wp)), all_z(size(model%rest%poles))
-    real(wp) :: q(size(model%rest%squares))
+    real(wp) :: q(size(model%rest%squares)), damped(size(u))
 
     z = (0.0_wp, 0.0_wp)
     if (size(z) == 0 .or. .not. (any(abs(u) > 0.0_wp) .or. any(abs(v) > 0.0_wp))) return
-    call model%rest%in_modes(model%mass, matmul(model%all_damping(), u), u, q, all_z)
+    ! What hardly moves a strong damper is not resisted by its rounding.
+    damped = real(matmul(real(model%all_damping(), real128), real(u, real128)), wp)
+    call model%rest%in_modes(model%mass, damped, u, q, all_z)
     all_z = all_z + matmul(matmul(model%mass, v), model%rest%right)
     z = pack(all_z, aimag(model%rest%poles) >= 0.0_wp)
   end function pole_state

@@ -281,3 +281,16 @@ def test_motions_that_do_not_swing_have_real_shapes():
         assert still.any()
         assert not rest.left[:, still].imag.any()
         assert not rest.right[:, still].imag.any()
+
+
+def test_strong_dampers_that_hardly_move_resist_a_start_by_all_digits():
+    rng = np.random.default_rng(10)
+    for _ in range(10):
+        pair = np.array([1.0, -1.0, 0.0])
+        damping = 10 ** rng.uniform(3, 6) * np.outer(pair, pair) + np.diag(rng.uniform(0.1, 1, 3))
+        start = rng.normal() + 1e-8 * rng.normal(size=3)
+        structure = vv.Structure(mass=np.eye(3), stiffness=np.diag([1.0, 2, 3]), damping=damping)
+        found = structure._rest.resisting(start)
+        with mpmath.workdps(50):
+            true = mpmath.matrix(damping) * mpmath.matrix(start)
+            assert found == pytest.approx([float(x) for x in true], rel=4e-16)

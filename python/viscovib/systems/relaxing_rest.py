@@ -28,7 +28,7 @@ from viscovib.systems.refined_modes import (
     refined_modes,
     refined_poles,
 )
-from viscovib.systems.structure_rest import ModalDamping, Remembered, Rest, dense_rest
+from viscovib.systems.structure_rest import ModalDamping, Remembered, Rest, dense_rest, exactly_by
 
 #: States of which all modes are computed.
 _MOST_STATES = 4000
@@ -101,7 +101,7 @@ def relaxing_rest(
 
     return Rest(
         zero, zero, zero, found.bodies, found.poles, found.left, found.right, given,
-        found.remembered, None, damping.__matmul__, alone[0] if alone else stiffness,
+        found.remembered, None, exactly_by(damping), alone[0] if alone else stiffness,
         found.relaxing,
     )  # fmt: skip
 

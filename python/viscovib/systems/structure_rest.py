@@ -26,6 +26,8 @@ from viscovib.systems.stiffness_ratio import (
 #: a frequency, what is left of a direction that depends on others.
 _OFF_DIAGONAL, _RIGID, _DEPENDENT = 1e-12, 1e-12, 1e-10
 _EPS = float(np.finfo(float).eps)
+#: Bits of a product that keeps what cancels.
+_BITS = 106
 #: How much rounding mixes two modes.
 _MIXED = 16 * _EPS
 #: How far above all others the square of a frequency stands for what follows at once.
@@ -286,8 +288,17 @@ def _complex_rest(
     given = mass, damping, stiffness
     return Rest(
         none, none, none, np.zeros((n, 0)), poles, left, right, matrices=given,
-        resisting=damping.__matmul__, springs=first, relaxing=elastic,
+        resisting=exactly_by(damping), springs=first, relaxing=elastic,
     )  # fmt: skip
+
+
+def exactly_by(damping: FloatArray) -> Callable[[FloatArray], FloatArray]:
+    """C u to all digits: what hardly moves a strong damper is not resisted by its rounding."""
+
+    def resisting(u: FloatArray) -> FloatArray:
+        return np.asarray(Sliced(damping, _BITS).times(u[:, np.newaxis])[:, 0], dtype=float)
+
+    return resisting
 
 
 def _fastest(poles: ComplexArray, springs: FloatArray) -> float:
