@@ -250,6 +250,47 @@ def test_neimark_sacker_beside_a_gap():
     assert one.parameter == pytest.approx(0.61861, abs=5e-6)
 
 
+@pytest.mark.parametrize("max_step", [0.05, 0.5])
+def test_pairs_are_not_mixed(max_step):
+    """One pair passes the unit circle where its damping is 0; others stay nearer to it."""
+    system = vv.PolynomialSystem(
+        mass=np.eye(3), stiffness=np.diag([1.0, 1.7, 2.3]), damping=np.diag([0.1, 0.002, 0.004]),
+        forces={"x1": "0.01*x1^3"},
+    )  # fmt: skip
+    branch = vv.trace_motion(
+        system, vary="damping[x1,x1]", vary_range=(0.1, -0.08), nu=0.8, load=[0.01, 0.01, 0.02],
+        max_step=max_step,
+    )  # fmt: skip
+    (one,) = branch.crossings
+    assert one.kind == "Neimark-Sacker"
+    assert one.parameter == pytest.approx(0.0, abs=1e-9)
+    undamped = vv.trace_motion(
+        vv.PolynomialSystem(mass=np.eye(2), stiffness=np.diag([1.0, 1.7]), forces={"x1": "x1^3"}),
+        (0.75, 0.8), load=[0.05, 0.05], initial=np.zeros(4), max_step=max_step,
+    )  # fmt: skip
+    # On the circle all along, but for rounding.
+    assert undamped.crossings == ()
+
+
+def test_errors_hold():
+    """What steps that are too long change is told, of the state and of the multipliers."""
+    system = vv.PolynomialSystem(mass=1, stiffness=1, damping=0.1, forces="300*x^3")
+    weights = np.array([1, 1 / 0.7])
+    exact = vv.steady_motion(system, 0.7, load=1.0, tolerance=1e-12)
+    motion = vv.steady_motion(system, 0.7, load=1.0, tolerance=1e-1, initial=exact)
+    (point, *_) = (
+        vv.trace_motion(system, (0.7, 0.71), load=1.0, tolerance=1e-1, initial=exact, max_points=2),
+    )
+    for state, error, multipliers in (
+        (motion.state[0], motion.error, motion.multipliers),
+        (point.state[0], point.error[0], point.multipliers[0]),
+    ):
+        apart = np.abs(weights * (state - exact.state[0])).max()
+        assert 1e-9 < apart <= error < 10 * apart
+        change = np.abs(np.abs(multipliers[0]) - np.abs(exact.multipliers[0]))
+        assert 1e-7 < change <= motion.multiplier_error < 100 * change
+
+
 def test_branch_as_by_harmonics():
     """Folds of a smooth branch; its end along frequency, load and a number of the system."""
     system = vv.PolynomialSystem(mass=1, stiffness=1, damping=0.2, forces="x^3")

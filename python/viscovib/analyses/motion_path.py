@@ -17,7 +17,7 @@ from viscovib.analyses.shooting import SHOWN
 from viscovib.common.turns import extremes_of
 
 #: Distance of differences by the parameter, as a part of it; corrections behind which these stay.
-_APART, _SETTLED = 1e-6, 1e-5
+_APART, _SETTLED = 1e-6, 1e-7
 #: What extremes may be off by, as a part of them.
 _LEFT = 1e-9
 #: Iterations of Newton's method.

@@ -256,8 +256,8 @@ def _judged(
 
 
 def judged(mapping: PeriodMap, state: FloatArray, steps: int, correction: float) -> Refined:
-    """Errors of a state that comes back in so many steps, by one step more."""
-    one, other = (mapping.run(state, n) for n in (steps, steps + 1))
+    """Errors of a state that comes back in so many steps, by twice as many and one."""
+    one, other = (mapping.run(state, n) for n in (steps, 2 * steps + 1))
     step, enlarged = mapping.step_back(one.by_start, other.last - one.last)
     outcome = "converged" if one.outcome == other.outcome == "completed" else "stalled"
     found = Found(state, one.by_start, one.passed, outcome, 0, correction, enlarged)
