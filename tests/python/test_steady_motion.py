@@ -204,6 +204,26 @@ def test_refused():
     assert found.stable is None
 
 
+def test_rest_against_a_stop():
+    """The motion may begin at rest in contact; what only short steps follow is followed by them."""
+    stop = vv.Structure(
+        mass=[[1.0]], stiffness=[[1.0]], damping=[[0.1]],
+        elements=[vv.Gap(on={"x1": 1}, gap=0, restitution=0.5)],
+    )  # fmt: skip
+    motion = vv.steady_motion(stop, 1.0, load=1.0)
+    assert motion.stable
+    run = vv.simulate(stop, 40 * motion.period, load=1.0, nu=1.0, keep="last")
+    np.testing.assert_allclose(motion.state[0], run.state[-1], atol=1e-7)
+
+
+def test_resonance_without_damping():
+    """Where no motion repeats none is found, however small what rounding leaves of it."""
+    with pytest.warns(vv.ConvergenceWarning, match="stalled: no motion was found"):
+        motion = vv.steady_motion(vv.PolynomialSystem(mass=1, stiffness=1), 1.0, load=1.0)
+    assert not motion.complete
+    assert motion.stable is None
+
+
 def test_result():
     """It is printed, saved and taken as a start."""
     with warnings.catch_warnings():

@@ -206,7 +206,8 @@ class PeriodMap:
         state, weights = start, self.weights
         ran = self.run(state, steps)
         if ran.outcome != "completed":
-            return Found(state, ran.by_start, ran.passed, "diverged", 0, math.inf, math.inf)
+            outcome = "diverged" if ran.outcome == "diverged" else "stalled"
+            return Found(state, ran.by_start, ran.passed, outcome, 0, math.inf, math.inf)
         last_size, correction = math.inf, math.inf
         for turn in range(1, _MOST_TURNS + 1):
             rest = ran.last - state

@@ -13,7 +13,7 @@ import numpy.typing as npt
 from viscovib import _native
 from viscovib._native import ComplexArray, FloatArray
 from viscovib.analyses.accuracy import Accuracy
-from viscovib.analyses.period_map import Found, PeriodMap
+from viscovib.analyses.period_map import Found, PeriodMap, Ran
 from viscovib.analyses.runs import starting_state
 from viscovib.analyses.whole_structure import check_outside
 from viscovib.common.counts import things
@@ -28,6 +28,8 @@ _EPS = float(np.finfo(float).eps)
 _LEFT = 8.0
 #: Periods from rest, before Newton's method begins and where it has failed.
 _SETTLING = (30, 100, 400)
+#: How often steps are made 16 times shorter that do not lead on from rest.
+_SHORTER = 3
 #: Doublings of the number of steps, and how many may fail before it is given up.
 _DOUBLINGS, _FAILURES = 12, 3
 #: Multipliers as large as this part of the largest decide with it.
@@ -184,7 +186,7 @@ def _from_rest(mapping: PeriodMap, wanted: Accuracy) -> Refined:
     found = None
     for periods in _SETTLING:
         for _ in range(periods):
-            ran = one.run(state, one.first_steps)
+            ran = _one_period(one, state)
             if ran.outcome not in ("completed", "grazing"):
                 break
             state = ran.last
@@ -193,6 +195,16 @@ def _from_rest(mapping: PeriodMap, wanted: Accuracy) -> Refined:
             break
     assert found is not None
     return found
+
+
+def _one_period(one: PeriodMap, state: FloatArray) -> Ran:
+    """A period in few steps; from rest against a stop only short ones lead on."""
+    ran = one.run(state, one.first_steps)
+    for k in range(1, _SHORTER + 1):
+        if ran.outcome != "step too large":
+            break
+        ran = one.run(state, 16**k * one.first_steps)
+    return ran
 
 
 def allowed_of(wanted: Accuracy, mapping: PeriodMap, state: FloatArray) -> float:
@@ -226,7 +238,12 @@ def refine(mapping: PeriodMap, start: FloatArray, wanted: Accuracy, steps: int =
             other = mapping.solve(found.state, steps + 1, tolerance)
             iterations += other.iterations
             if other.outcome == "converged" and _apart(mapping, found, other) <= tolerance:
-                return _judged(mapping, other, found, steps + 1, iterations)
+                told = _judged(mapping, other, found, steps + 1, iterations)
+                size = float(np.abs(mapping.weights * other.state).max(initial=0.0))
+                if told.error <= max(size, allowed_of(wanted, mapping, other.state)):
+                    return told
+                # Rounding alone is larger than the motion, as at the resonance of what is undamped.
+                return told._replace(found=other._replace(outcome="stalled"))
         latest = found
         steps *= 2
     return _judged(mapping, found._replace(outcome="stalled"), None, steps // 2, iterations)
