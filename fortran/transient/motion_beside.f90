@@ -25,7 +25,7 @@ module viscovib_motion_beside
 
   public :: motion_beside
 
-  !> Change of accelerations, as a part of them, that is rounding.
+  !> Change of an acceleration, as a part of its terms, that is rounding.
   real(wp), parameter :: same = 1.0e-10_wp
 
   type :: motion_beside
@@ -39,6 +39,8 @@ module viscovib_motion_beside
     !> At a surface: velocities and accelerations before; h by coordinates and velocities, and how
     !! fast it changes along the motion.
     real(wp), allocatable, private :: v_before(:), a_before(:), h_q(:), h_v(:)
+    !> Sizes of the terms of each acceleration there.
+    real(wp), allocatable, private :: terms(:)
     real(wp), private :: rate = 0.0_wp
     logical, private :: is_stop = .false., slid = .false.
   contains
@@ -161,6 +163,7 @@ contains
     if (self%slid) return
     self%v_before = v
     self%a_before = acceleration_at(system, t, q, v)
+    self%terms = terms_at(system, t, q, v) + abs(self%a_before)
     self%is_stop = .not. allocated(system%signals(which)%by_q)
     call find_gradient(system, which, t, q, v, self%h_q, self%h_v)
     self%rate = dot_product(self%h_q, v) + dot_product(self%h_v, self%a_before)
@@ -178,8 +181,9 @@ contains
     if (self%slid) return
     jump = v - self%v_before
     change = acceleration_at(system, t, q, v) - self%a_before
-    ! So it is behind a kink, and grazing does no harm there.
-    if (.not. self%is_stop .and. all(abs(change) <= same*maxval(abs(self%a_before)))) return
+    ! So it is behind a kink, and grazing does no harm there. Each coordinate has its own unit.
+    self%terms = self%terms + terms_at(system, t, q, v)
+    if (.not. self%is_stop .and. all(abs(change) <= same*self%terms)) return
     self%known = self%known .and. abs(self%rate) > tiny(1.0_wp)
     if (.not. self%known) return
     early = (matmul(self%h_q, self%q) + matmul(self%h_v, self%v))/self%rate
@@ -208,6 +212,17 @@ contains
                              system%drive_at(spread(t, 1, n_lanes)), lanes)
     a = lanes(1, :)
   end function acceleration_at
+
+  !> How large what depends on the state is in each acceleration.
+  function terms_at(system, t, q, v) result(terms)
+    class(driven_system_type), intent(in) :: system
+    real(wp), intent(in) :: t, q(:), v(:)
+    real(wp) :: terms(size(q))
+    real(wp), dimension(n_lanes, size(q), size(q)) :: by_q, by_v
+    call motion_slopes(system, spread(q, 1, n_lanes), spread(v, 1, n_lanes), &
+                       system%drive_at(spread(t, 1, n_lanes)), by_q, by_v)
+    terms = matmul(abs(by_q(1, :, :)), abs(q)) + matmul(abs(by_v(1, :, :)), abs(v))
+  end function terms_at
 
   !> What a surface's signal changes by: that of a law by its program, that of a stop, which is
   !! linear in coordinates, by differences.

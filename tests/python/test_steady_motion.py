@@ -193,6 +193,20 @@ def test_units_of_time(time):
     )
 
 
+def test_small_beside_large():
+    """A jump in a coordinate 1e-12 as large as another is one: each has its own unit."""
+    small = vv.PolynomialSystem(mass=1, stiffness=1.7, damping=0.1, forces="0.3*sign(x_dot)")
+    both = vv.PolynomialSystem(
+        mass=[1, 1], stiffness=np.diag([1, 1.7]), damping=0.1 * np.eye(2),
+        forces={"x1": "x1^3", "x2": "0.3e-12*sign(x2_dot)"},
+    )  # fmt: skip
+    alone = vv.steady_motion(small, 0.8, load=0.6)
+    beside = vv.steady_motion(both, 0.8, load=[0.5, 0.6e-12])
+    np.testing.assert_allclose(
+        np.sort(np.abs(beside.multipliers))[:2], np.sort(np.abs(alone.multipliers)), atol=1e-9
+    )
+
+
 def test_refused():
     """What has no such motion is said in one line; what is not found, too."""
     system = vv.PolynomialSystem(mass=1, stiffness=1, damping=0.1, forces="x^3")
