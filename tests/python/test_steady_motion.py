@@ -220,6 +220,9 @@ def test_refused():
     )  # fmt: skip
     with pytest.raises(vv.InputError, match="elements that know what was"):
         vv.steady_motion(joint, 1.0, load=1.0)
+    held = vv.PolynomialSystem(mass=1, stiffness=1, forces="sign(x_dot)")
+    with pytest.raises(vv.InputError, match="cannot be followed: others are next to it"):
+        vv.trace_motion(held, (0.8, 0.9), load=0.1)
     falls = vv.PolynomialSystem(mass=1, stiffness=-1.0, forces="-x^3")
     with pytest.warns(vv.ConvergenceWarning, match="no motion was found"):
         found = vv.steady_motion(falls, 1.0, load=5.0, initial=[9.0, 9.0])

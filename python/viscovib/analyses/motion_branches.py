@@ -127,6 +127,12 @@ def trace_motion(
         allowed_of(wanted, mapping, begun.found.state),
     )  # fmt: skip
     points, outcome = _follow(path, begun.found.state, longest, most)
+    if not points:
+        raise InputError(
+            f"{way.argument}: the motion at its beginning {way.start:g} cannot be followed: others "
+            "are next to it there, as where friction holds a mass for good, or at a fold: begin "
+            "elsewhere"
+        )
     return _branch(system, path, points, outcome, periods)
 
 
