@@ -337,6 +337,21 @@ def test_errors_hold():
         assert 1e-7 < change <= motion.multiplier_error < 100 * change
 
 
+def test_errors_hold_beside_grazing():
+    """Where a branch ends beside a second impact its last point is as far off as it says."""
+    stop = vv.Structure(
+        mass=[[1.0]], stiffness=[[1.63745879]], damping=[[0.08857668]],
+        elements=[vv.Gap(on={"x1": 1}, gap=0.2439147705970441, restitution=0.6849081537033621)],
+    )  # fmt: skip
+    load = 0.4015211800778118
+    branch = vv.trace_motion(stop, (1.07223939895988, 0.857791519167904), load=load, max_step=0.2)
+    assert branch.outcome == "stuck"
+    nu, state = branch.nu[-1], branch.state[-1]
+    exact = vv.steady_motion(stop, nu, load=load, initial=state, tolerance=1e-12)
+    apart = np.abs((state - exact.state[0]) * [1, 1 / nu]).max()
+    assert apart <= 1.1 * (branch.error[-1] + exact.error)
+
+
 def test_branch_as_by_harmonics():
     """Folds of a smooth branch; its end along frequency, load and a number of the system."""
     system = vv.PolynomialSystem(mass=1, stiffness=1, damping=0.2, forces="x^3")

@@ -280,7 +280,10 @@ def judged(mapping: PeriodMap, state: FloatArray, steps: int, correction: float)
     found = Found(state, one.by_start, one.passed, outcome, 0, correction, enlarged)
     beside = found._replace(state=state + step, by_start=other.by_start)
     told = _judged(mapping, found, beside, steps, 0)
-    return told._replace(error=told.error + correction)
+    # The last correction may have been found on the other side of grazing: what is left counts.
+    left, _ = mapping.step_back(one.by_start, one.last - state)
+    off = float(np.abs(mapping.weights * left).max())
+    return told._replace(error=told.error + max(correction, off))
 
 
 def _multiplier_error(found: Found, other: Found, mapping: PeriodMap) -> float:
