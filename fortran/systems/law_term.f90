@@ -36,9 +36,10 @@ module viscovib_law_term
 
   !> How near to rest a law must have a value, on all sides.
   real(wp), parameter :: near = 1.0e-9_wp
-  !> How much more a law may change over that way than by its steepest slope, and, as a part of its
-  !! value, without one.
-  real(wp), parameter :: steep = 10.0_wp, least_jump = 1.0e-3_wp
+  !> How much more than by its steepest slope a law may change over that way; and how much of that
+  !! it changes over the second half of the way, at least, where it does not jump at rest. What
+  !! rounding leaves of laws whose parts cancel there is another at each place.
+  real(wp), parameter :: steep = 10.0_wp, least_later = 1.0e-2_wp
 
 contains
 
@@ -51,8 +52,8 @@ contains
     real(wp), intent(out) :: slopes(:)
     !> Whether it has a value around rest, and one alone: 1/x in tanh(1/x) is of either sign.
     logical, intent(out) :: defined
-    real(wp) :: at(2*size(slopes) + 1, size(slopes)), value(2*size(slopes) + 1)
-    real(wp) :: by(2*size(slopes) + 1, size(slopes))
+    real(wp) :: at(4*size(slopes) + 1, size(slopes)), value(4*size(slopes) + 1)
+    real(wp) :: by(4*size(slopes) + 1, size(slopes)), change(2*size(slopes))
     integer :: i, n
 
     n = size(slopes)
@@ -61,11 +62,13 @@ contains
       at(1 + i, i) = near
       at(1 + n + i, i) = -near
     end do
+    at(2*n + 2:, :) = 0.5_wp*at(2:2*n + 1, :)
     call law%program%differentiate(at, value, by)
     defined = all(abs(value) < wall)
     if (defined .and. .not. any(jumps(law%program%code))) then
-      defined = all(abs(value - value(1)) &
-                    <= near*steep*maxval(abs(by)) + least_jump*maxval(abs(value)))
+      change = abs(value(2:2*n + 1) - value(1))
+      defined = all(change <= near*steep*maxval(abs(by)) &
+                    .or. abs(value(2:2*n + 1) - value(2*n + 2:)) > least_later*change)
     end if
     slopes = by(1, :)
     if (law%kernel > 0) slopes(n/2 + 1:) = 0.0_wp

@@ -29,9 +29,10 @@ _BRANCHES = (26, 27, 28, 29, 30, 31, 32, 33, 34, 35)
 _JUMPS = (27, 28, 29, 32, 33, 34, 35)
 #: What the core gives outside a domain, and how near to rest a law must have a value.
 _WALL, _NEAR = 1e60, 1e-9
-#: How much more it may change over that way than by its steepest slope, and, as a part of its
-#: value, without one.
-_STEEP, _LEAST_JUMP = 10.0, 1e-3
+#: How much more than by its steepest slope it may change over that way; and how much of that it
+#: changes over the second half of the way, at least, where it does not jump at rest. What rounding
+#: leaves of laws whose parts cancel there is another at each place.
+_STEEP, _LEAST_LATER = 10.0, 1e-2
 #: Variables that a message lists.
 _LISTED = 8
 
@@ -293,13 +294,15 @@ def _told_sign(text: str) -> str:
 def _refuse_edge(where: str, law: Law) -> None:
     """Refuse a law that has no value around rest, or no finite derivative there."""
     n = len(law.arguments)
-    near = _NEAR * np.concatenate([np.zeros((1, n)), np.eye(n), -np.eye(n)])
-    values, slopes = law(near)
-    most = _NEAR * _STEEP * np.abs(slopes).max() + _LEAST_JUMP * np.abs(values).max()
+    ways = _NEAR * np.concatenate([np.eye(n), -np.eye(n)])
+    values, slopes = law(np.concatenate([np.zeros((1, n)), ways, 0.5 * ways]))
+    there, halfway = values[1 : 2 * n + 1], values[2 * n + 1 :]
+    change = np.abs(there - values[0])
     # As 1/x in tanh(1/x), which is of either sign.
-    split = (
-        not any(code in _JUMPS for code in law.code) and (np.abs(values - values[0]) > most).any()
-    )
+    split = not any(code in _JUMPS for code in law.code) and (
+        (change > _NEAR * _STEEP * np.abs(slopes).max())
+        & (np.abs(there - halfway) <= _LEAST_LATER * change)
+    ).any()
     if (np.abs(values) >= _WALL).any() or split:
         raise InputError(
             f"{where} = {law.text!r}: must be defined around rest, where what it depends on is 0"
