@@ -1,9 +1,9 @@
 !> What rounding of the frequencies of a structure, and of its poles, makes of a motion.
 !!
-!! A frequency omega is known to eps omega. After a time t its mode swings with a phase that is off by
-!! eps omega t, in steps of any length alike, so that no two runs tell it:
+!! A frequency omega is known to eps omega. After a time t its mode swings with a phase that is off
+!! by eps omega t, in steps of any length alike, so that no two runs tell it:
 !!
-!!   |dq| = eps t |q'|,    |dq'| = eps t omega |q'|,    |dz| = eps t |pole z|,                    (1)
+!!   |dq| = eps t |q'|,    |dq'| = eps t omega |q'|,    |dz| = eps t |pole z|,                   (1)
 !!
 !! of what a mode did so long ago that it has faded since nothing is left: t is at most the time in
 !! which it fades. Where it swings nothing tells at which moment it is seen, so that the largest

@@ -129,7 +129,8 @@ def goes_as_pendulum(
         return False
     orders: list[Any] = []
     for given in (load, base):
-        if isinstance(given, Mapping):
+        # Numbers and nothing are told faster than mappings.
+        if given is not None and type(given) is not float and isinstance(given, Mapping):
             # What has the names of coordinates is of order 1.
             orders += [1 if isinstance(order, str) else order for order in given]
     highest = max(orders, default=0)
@@ -199,7 +200,9 @@ def polynomial_runs(
         orders, series = motion.series
     frequency = 0.0 if nu is None else _native.number("nu", nu)
     # Of so few numbers Python's own are looked at faster than arrays.
-    given_orders: list[int] = [k if k >= 0 else -1 - k for k in orders.tolist()]
+    given_orders: list[int] = orders.tolist()
+    if motion is not None:
+        given_orders = [k if k >= 0 else -1 - k for k in given_orders]
     forces: list[list[complex]] = series.tolist()
     starts: list[float] = state.tolist()
     acting = [k for k, column in zip(given_orders, zip(*forces, strict=True), strict=True)
@@ -363,10 +366,10 @@ class PolynomialRun(Run):
             force[:, 0] += given if given.ndim == 1 else 0.0
         return np.asarray(np.einsum("ta,ta->t", v, force - v @ self.system._damping.T))
 
-    def _past(self, resume: int) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """What was held; and of a run that begins, the motion before it."""
+    def _past_left(self) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """What was held, without the motion before a run that has begun."""
         held, before, moved = self.job[12]
-        return (held, before[-1:], moved[:, -1:]) if resume else (held, before, moved)
+        return held, before[-1:], moved[:, -1:]
 
     def _plan(self, end: float, dt: float, tolerance: float, every: int, last: bool) -> bytes:
         text: bytes = _native.call(
@@ -397,7 +400,7 @@ class PolynomialRun(Run):
                 self.job[8],
                 *self.job[1:6],
                 *self.job[11],
-                *self._past(resume),
+                *(self._past_left() if resume else self.job[12]),
                 *self._mesh_arrays(),
                 METHODS[self.method],
                 int(in_parts),

@@ -299,10 +299,13 @@ def _refuse_edge(where: str, law: Law) -> None:
     there, halfway = values[1 : 2 * n + 1], values[2 * n + 1 :]
     change = np.abs(there - values[0])
     # As 1/x in tanh(1/x), which is of either sign.
-    split = not any(code in _JUMPS for code in law.code) and (
-        (change > _NEAR * _STEEP * np.abs(slopes).max())
-        & (np.abs(there - halfway) <= _LEAST_LATER * change)
-    ).any()
+    split = (
+        not any(code in _JUMPS for code in law.code)
+        and (
+            (change > _NEAR * _STEEP * np.abs(slopes).max())
+            & (np.abs(there - halfway) <= _LEAST_LATER * change)
+        ).any()
+    )
     if (np.abs(values) >= _WALL).any() or split:
         raise InputError(
             f"{where} = {law.text!r}: must be defined around rest, where what it depends on is 0"
