@@ -25,6 +25,7 @@ NOTHING_TO_JUDGE = {
     "Response.error": "tests/python/test_light_damping.py: the same balance in 40 digits",
     "user_elements": "tests/python/test_user_elements.py: SciPy from yield to turn",
     "MotionBranch.dof_names": "names, as the system has them",
+    "MotionBranch.label": "words of a picture",
     "MotionBranch.to_dataset": "its own arrays, which test_results compares",
     "SteadyMotion.dof_names": "names, as the system has them",
     "SteadyMotion.dof_units": "units, as the system names them",
