@@ -51,9 +51,11 @@ contains
     real(wp), intent(out), optional :: low(:, :)
     real(real128), allocatable :: total(:, :)
     real(wp) :: e(size(stiffness, 1))
-    integer :: a, i
+    integer :: a, i, n
 
-    if (present(low)) total = real(stiffness, real128)
+    n = merge(size(stiffness, 1), 0, present(low))
+    allocate (total(n, n))
+    if (present(low)) total(:, :) = real(stiffness, real128)
     do i = 1, size(elements)
       e = matmul(elements(i)%direction, places)
       do a = 1, size(e)
