@@ -358,3 +358,15 @@ def test_a_load_that_is_missing_is_refused():
             with pytest.raises(vv.InputError, match="without them every motion is 0"):
                 call(system, (0.5, 0.9), **given)
     assert vv.forced_response(system, [0.5], load=0).converged.all()
+
+
+@pytest.mark.parametrize("method", ["linear", "successive", "newton"])
+@pytest.mark.parametrize("forces", [None, "x^3"])
+@pytest.mark.parametrize("load", [0, {0: 0.3j}, {0: 0.3j, 1: 0.1}])
+def test_rest_and_a_mean_alone_tell_their_error(method, forces, load):
+    body = vv.PolynomialSystem(mass=1, stiffness=1, damping=0.05, forces=forces)
+    r = vv.forced_response(body, [0.62, 0.7], load=load, method=method)
+    assert r.converged.all()
+    assert (r.error < 1e-9).all()
+    assert (r.error == 0).all() or load != 0
+    assert (r.to_dataset().error == r.error).all()

@@ -42,13 +42,15 @@ def rounding_errors(
     kept = result.harmonics
     if linear:
         # Those of the load alone, of any order.
-        odd = (kept % 2 == 1).all()
-        kept = np.arange(1 if odd else 0, kept.max() + 1, 2 if odd else 1, dtype=np.intc)
+        odd = kept.size > 0 and (kept % 2 == 1).all()
+        last = kept.max(initial=0)
+        kept = np.arange(1 if odd else 0, last + 1, 2 if odd else 1, dtype=np.intc)
         whole = np.zeros((*y.shape[:2], kept.size), dtype=complex)
         whole[..., np.searchsorted(kept, result.harmonics)] = y
         y = whole
     used = np.searchsorted(kept, result.highest, side="right").astype(np.intc)
-    used[~np.isfinite(y).all(axis=(1, 2)) | (result.highest <= 0)] = 0
+    # The highest order of rest, and of a mean alone, is 0, as where nothing was found.
+    used[~np.isfinite(y).all(axis=(1, 2)) | ~result.converged] = 0
     cancel = np.zeros(1, dtype=np.intc)
     (errors,) = _native.call_interruptibly(
         core.rounding_errors, cancel, *job, int(linear), kept, result.nu, np.asfortranarray(y.T),
