@@ -46,12 +46,13 @@ contains
   end subroutine relative_motions
 
   !> Relative errors of motions as solutions of their equations; NaN where they are not known.
-  subroutine errors_of(system, load, orders, nu, highest, linear, motions, errors)
+  subroutine errors_of(system, load, orders, nu, found, highest, linear, motions, errors)
     class(oscillator_type), intent(in) :: system
     type(load_type), intent(in) :: load
     integer, intent(in) :: orders(:)
-    !> Frequency (rad/s), and highest order kept, of each motion.
+    !> Frequency (rad/s), whether it was found, and highest order kept, of each motion.
     real(wp), intent(in) :: nu(:)
+    logical, intent(in) :: found(:)
     integer, intent(in) :: highest(:)
     !> Whether the motions are those of the forces linearized at rest.
     logical, intent(in) :: linear
@@ -65,15 +66,15 @@ contains
 
     errors = ieee_value(errors, ieee_quiet_nan)
     ! Linear motions are those of the load's orders alone.
-    if (linear .and. all(mod(orders, 2) == 1)) then
+    if (linear .and. size(orders) > 0 .and. all(mod(orders, 2) == 1)) then
       allocate (kept, source=[(k, k=1, maxval(orders), 2)])
     else if (linear) then
-      allocate (kept, source=[(k, k=0, maxval(orders))])
+      allocate (kept, source=[(k, k=0, max(0, maxval(orders)))])
     else
       allocate (kept, source=orders)
     end if
     do i = 1, size(nu)
-      if (.not. is_known(motions(:, :, i), highest(i))) cycle
+      if (.not. (found(i) .and. is_finite(motions(:, :, i)))) cycle
       allocate (whole(count(kept <= highest(i)), size(motions, 2)), source=(0.0_wp, 0.0_wp))
       do k = 1, count(orders <= highest(i))
         whole(findloc(kept, orders(k), 1), :) = motions(k, :, i)
@@ -197,8 +198,12 @@ contains
   pure logical function is_known(motion, highest)
     complex(wp), intent(in) :: motion(:, :)
     integer, intent(in) :: highest
-    is_known = highest > 0 .and. all(ieee_is_finite(real(motion))) &
-               .and. all(ieee_is_finite(aimag(motion)))
+    is_known = highest > 0 .and. is_finite(motion)
   end function is_known
+
+  pure logical function is_finite(motion)
+    complex(wp), intent(in) :: motion(:, :)
+    is_finite = all(ieee_is_finite(real(motion))) .and. all(ieee_is_finite(aimag(motion)))
+  end function is_finite
 
 end module viscovib_motion_checks

@@ -127,3 +127,17 @@ def test_refused(solve, tmp_path, message):
     check_failure(solve(scene, "--out", out), 2, message, out)
     with pytest.raises(vv.InputError, match="must be"):
         vv.Scene.read(scene)
+
+
+@pytest.mark.parametrize("load", ["amplitude=0", "order=0 amplitude=0.5"])
+def test_errors_of_rest_and_of_a_mean_alone(solve, tmp_path, load):
+    """Their highest order is 0, as where no motion is found."""
+    scene = tmp_path / "scene.nml"
+    scene.write_text(
+        f"&system coordinates='x' mass=1 stiffness=1 damping=0.1 /\n&load {load} /\n"
+        "&response nu_from=0.5 nu_to=1 nu_count=3 method='linear' /\n"
+    )
+    assert solve(scene, "--out", tmp_path).returncode == 0
+    table = read_csv(tmp_path / "scene_response.csv")
+    assert list(table["error"]) == list(vv.run(scene).response.error)
+    assert (table["error"] < 1e-15).all()
