@@ -217,3 +217,30 @@ def chain_of(springs):
     """The chain in the precision of its springs."""
     k = np.diag(springs + np.append(springs[1:], 0))
     return k - np.diag(springs[1:], 1) - np.diag(springs[1:], -1)
+
+
+@pytest.mark.filterwarnings("ignore:stiffness. springs are so different:viscovib.RangeWarning")
+@pytest.mark.parametrize("decades", [10, 11])
+def test_where_stiff_springs_hide_a_branch_the_way_out_is_told_and_right(decades):
+    """Two masses on a coupling of 10^decades, their sum and difference the coordinates instead."""
+    c = 10.0**decades
+    mass, stiffness = np.diag([1.0, 1.3]), np.array([[1 + c, -c], [-c, 0.7 + c]])
+    damping = 0.02 * mass
+    given = {"mass": mass, "damping": damping, "stiffness": stiffness}
+    system = vv.PolynomialSystem(**given, forces=["0.5*x1^3", "0"])
+    with pytest.raises(vv.InputError, match=r"differ by a factor of .*vv\.Structure"):
+        vv.trace_response(system, (0.3, 2.0), load=[0.0, 0.1])
+    structure = vv.Structure(**given, elements=[vv.Spring(on="x1", law="0.5*d^3")])
+    found = vv.trace_response(structure, (0.3, 2.0), load=[0.0, 0.1])
+    # x1 = y1, x2 = y1 + y2: sums of these entries are exact.
+    turn = np.array([[1.0, 0.0], [1.0, 1.0]])
+    softer = (stiffness[0, 0] + stiffness[0, 1]) + (stiffness[1, 0] + stiffness[1, 1])
+    corner = stiffness[0, 1] + stiffness[1, 1]
+    turned = vv.PolynomialSystem(
+        mass=turn.T @ mass @ turn, damping=turn.T @ damping @ turn,
+        stiffness=[[softer, corner], [corner, stiffness[1, 1]]], forces=["0.5*x1^3", "0"],
+    )  # fmt: skip
+    right = vv.trace_response(turned, (0.3, 2.0), load=[0.1, 0.1], stability=False)
+    assert found.complete and right.complete
+    assert right.folds.size == 2
+    np.testing.assert_allclose(found.folds, right.folds, rtol=1e-12)

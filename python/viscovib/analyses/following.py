@@ -38,7 +38,9 @@ from viscovib.results.structure_view import View
 from viscovib.systems.law_ends import told_edges
 from viscovib.systems.load import LoadLike, base_shifts
 from viscovib.systems.oscillators import Steady, check_steady, refuse_turning
+from viscovib.systems.polynomial_system import PolynomialSystem
 from viscovib.systems.sticking import advice_on_sticking
+from viscovib.systems.stiffness_ratio import advice_on_springs
 from viscovib.systems.structure import Structure
 from viscovib.systems.varying import Varied, varied
 from viscovib.systems.varying_structure import varied_structure
@@ -222,7 +224,7 @@ def trace_mount(
     if not found[0]:
         raise InputError(
             f"{way.argument}: no solution was found at its beginning {way.start:g}: begin elsewhere"
-            f"{told_edges(system)}{advice_on_sticking(system)}"
+            f"{_advice(system)}"
         )
     view = None
     if planned.loaded is not None:
@@ -230,6 +232,14 @@ def trace_mount(
     shown = _Shown(system, way, job, orders[: found[2]], view)
     plan = _plan(way.varies, way.start, way.finish, -orders[-1] if auto else m, planned, judged)
     return _branch(found, shown, (n_dof, m), curve.tolerance, judged, plan, whole_job)
+
+
+def _advice(system: Steady) -> str:
+    """Return why a branch may not begin or go on, and what helps, as far as the system tells."""
+    advice = told_edges(system) + advice_on_sticking(system)
+    if isinstance(system, PolynomialSystem):
+        advice += advice_on_springs(system._mass_matrix, system._stiffness_at_rest)
+    return advice
 
 
 def _check_size(points: int, n_dof: int, m: int) -> None:
@@ -345,7 +355,7 @@ def _branch(
     _warn_of_doubts(branch, motions, p)
     advice = ""
     if branch.outcome == "stuck":
-        advice = told_edges(system) + advice_on_sticking(system)
+        advice = _advice(system)
     if advice:
         warnings.warn(
             f"the branch ends at {way.varies} = {values[-1]:.6g}{advice}",

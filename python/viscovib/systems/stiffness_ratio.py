@@ -28,6 +28,8 @@ _RIGID = 1e-12
 _LOST, _FREE = 1e-6, 0.15
 #: Squares of frequencies closer together than this lose no more than `_LOST`.
 _ALIKE = 1e-8
+#: Squares of frequencies so far apart may be why no steady motion is found.
+_STIFF = 1e8
 #: Part that an entry of the matrix is off by, in (1).
 _OFF = 0.3 * _EPS
 #: Part of a mode's kinetic energy that a coordinate takes part with; stiffnesses that are rounding
@@ -105,6 +107,23 @@ def warn_of_lost_poles(
     worst = int(lost.argmax())
     if lost[worst] > _LOST:
         warn_of_hidden(_told(None, float(np.abs(poles[worst])) ** 2, float(lost[worst])))
+
+
+def advice_on_springs(mass: FloatArray, stiffness: FloatArray) -> str:
+    """Return what to do where rounding of stiff springs may be what hides a steady motion.
+
+    Of matrices (n, n) that are solved as they stand: forces of stiff springs are small differences
+    of displacements, of which rounding leaves soft ones eps times the ratio of both, and light
+    damping more. A structure has its linear part by refined modes, which keep these digits.
+    """
+    squares = np.abs(np.linalg.eigvals(np.linalg.solve(mass, stiffness)))
+    ratio = squares.max() / max(squares.min(), _EPS * squares.max())
+    if ratio < _STIFF:
+        return ""
+    return (
+        f"; squares of natural frequencies differ by a factor of {ratio:.0e}, and rounding of "
+        "stiff springs hides what soft ones do: vv.Structure with elements keeps these digits"
+    )
 
 
 def warn_of_lost_springs(mass: FloatArray, stiffness: FloatArray) -> None:
