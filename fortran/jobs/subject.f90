@@ -185,7 +185,7 @@ contains
     logical, allocatable :: shown(:)
     integer :: i
     allocate (shown(size(self%coordinates)), source=.true.)
-    if (.not. self%is_structure .or. size(shown) <= all_shown) return
+    if (.not. allocated(self%model%elements) .or. size(shown) <= all_shown) return
     shown = any(abs(self%model%load%force) > 0.0_wp, 2)
     do i = 1, size(self%model%elements)
       shown = shown .or. abs(self%model%elements(i)%direction) > 0.0_wp

@@ -14,7 +14,7 @@ module viscovib_scene
   use viscovib_load, only: load_type
   use viscovib_load_groups, only: read_loads
   use viscovib_method_catalogue, only: takes_sections, transient_methods
-  use viscovib_modal_frame, only: most_in_frame
+  use viscovib_modal_frame, only: has_frame, most_in_frame
   use viscovib_mount, only: mount_parameters
   use viscovib_mount_groups, only: read_mount
   use viscovib_namelist, only: group_type, lower, namelist_type, read_namelist
@@ -162,16 +162,19 @@ contains
     subject%is_polynomial = .true.
   end subroutine go_whole
 
-  !> The same of a system that remembers by exponentials alone, or whose base moves.
+  !> The same of a system that remembers by exponentials alone, whose base moves, or that has more
+  !! coordinates than lanes hold.
   logical function may_go_whole(file, system, load) result(may)
     type(namelist_type), intent(in) :: file
     type(polynomial_type), intent(in) :: system
     type(load_type), intent(in) :: load
+    logical :: is_large
     integer :: i
     may = .false.
     if (place_of_motion(file) > size(file%groups)) return
-    if (system%n_dof() > max_dof) return
-    if (.not. (any(system%kernel_of > 0) .or. load%moves_base())) return
+    is_large = system%n_dof() > max_dof
+    if (.not. (is_large .or. any(system%kernel_of > 0) .or. load%moves_base())) return
+    if (is_large .and. .not. has_frame(system%mass)) return
     if (.not. any([(any(branches(system%laws(i)%program%code)), i=1, size(system%laws))])) return
     may = fits_sections(file, system)
   end function may_go_whole

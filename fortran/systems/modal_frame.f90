@@ -14,10 +14,10 @@ module viscovib_modal_frame
   implicit none
   private
 
-  public :: is_definite, modal_frame, new_modal_frame
+  public :: has_frame, is_definite, modal_frame, new_modal_frame
 
   !> Coordinates of a frame, at most.
-  integer, parameter, public :: most_in_frame = 256
+  integer, parameter, public :: most_in_frame = 512
   !> What is left of a matrix that counts as rounding, by the sizes that made it.
   real(wp), parameter :: rounding = 1.0e-14_wp
 
@@ -58,6 +58,13 @@ contains
     is_definite = .true.
   end function is_definite
 
+  !> Whether a mass (n, n) has modes to write a motion in: symmetric and positive definite.
+  pure logical function has_frame(mass)
+    real(wp), intent(in) :: mass(:, :)
+    has_frame = all(abs(mass - transpose(mass)) <= rounding*maxval(abs(mass)))
+    if (has_frame) has_frame = is_definite(mass)
+  end function has_frame
+
   subroutine new_modal_frame(frame, mass, damping, stiffness, n_hidden, found)
     type(modal_frame), intent(out) :: frame
     !> M, C and K, shape (n, n).
@@ -87,11 +94,10 @@ contains
     end do
     allocate (frame%squares(n), source=0.0_wp)
     allocate (part(size(own), size(own)), squares(size(own)))
-    associate (m => mass(own, own), k => stiffness(own, own))
-      found = all(abs(m - transpose(m)) <= rounding*maxval(abs(mass)))
-      if (found) found = is_definite(m)
-      if (.not. found) return
-      call find_symmetric_modes(m, 0.5_wp*(k + transpose(k)), squares, part)
+    found = has_frame(mass(own, own))
+    if (.not. found) return
+    associate (k => stiffness(own, own))
+      call find_symmetric_modes(mass(own, own), 0.5_wp*(k + transpose(k)), squares, part)
     end associate
     shapes(own, own) = part
     frame%squares(own) = squares

@@ -14,6 +14,7 @@ module viscovib_polynomial
   use viscovib_kernel_holder, only: copy_kernels, kernel_holder
   use viscovib_kinds, only: wp
   use viscovib_law_term, only: add_law_slopes, add_laws, law_term, read_rates
+  use viscovib_modal_frame, only: most_in_frame
   use viscovib_oscillator, only: oscillator_type
   use viscovib_status, only: fail, show, status_input_error, status_type
   implicit none
@@ -137,9 +138,9 @@ contains
     integer :: n, i, total
 
     n = size(p%mass, 1)
-    if (n < 1 .or. n > max_coordinates) then
+    if (n < 1 .or. n > most_in_frame) then
       call fail(status, status_input_error, 'mass', 'mass: is for '//show(n) &
-                //' coordinates, must be for 1 to '//show(max_coordinates))
+                //' coordinates, must be for 1 to '//show(most_in_frame))
       return
     end if
     call check_finite('mass', reshape(p%mass, [size(p%mass)]), status)

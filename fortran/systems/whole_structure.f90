@@ -1,4 +1,4 @@
-!> Structures of up to 64 coordinates by their whole equations, in which steps in time end
+!> Structures of few coordinates by their whole equations, in which steps in time end
 !! where laws switch.
 !!
 !! M u'' + C u' + K u + sum_j e_j f_j(e_j . u, e_j . u') = load, with C of modal damping in terms of
@@ -6,10 +6,9 @@
 module viscovib_whole_structure
   use viscovib_kernel_holder, only: kernel_holder
   use viscovib_kinds, only: wp
-  use viscovib_modal_frame, only: is_definite
+  use viscovib_modal_frame, only: is_definite, most_in_frame
   use viscovib_law_program, only: branches
-  use viscovib_polynomial, only: max_coordinates, new_polynomial, polynomial_parameters, &
-    polynomial_type
+  use viscovib_polynomial, only: new_polynomial, polynomial_parameters, polynomial_type
   use viscovib_status, only: status_type
   use viscovib_structure_elements, only: element_type, put_laws
   use viscovib_structure_model, only: add_linear, structure_model
@@ -26,7 +25,7 @@ contains
     integer :: i, j
 
     switches = .false.
-    if (model%is_reduced .or. size(model%mass, 1) > max_coordinates) return
+    if (model%is_reduced .or. size(model%mass, 1) > most_in_frame) return
     if (.not. is_definite(model%mass)) return
     if (abs(model%modal%loss) > 0.0_wp) return
     if (any(model%rest%idle)) return

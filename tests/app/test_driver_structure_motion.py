@@ -243,6 +243,16 @@ SWITCHING = {
     + "&element on='x1' law='30*max(d - 0.1, 0)' kernel=0 /\n"
     "&element on='x2' stiffness=1.5 law='0.5*d^3' kernel=1 /\n&load on='x2' amplitude=0.7 /\n"
     "&transient t_end=8 nu=0.9 initial=0.3 0 0 0 memory='Exponentials' method='GAUSS8' /\n",
+    # Tables have the coordinates that something acts on.
+    "many": "&structure size=70 mass=70*1 stiffness=70*2 damping=70*0.1 /\n"
+    + "".join(f"&element on='x{i}' 'x{i + 1}' stiffness=1 /\n" for i in (1, 2, 3, 69))
+    + "&element on='x2' law='30*max(d - 0.1, 0)' /\n&element on='x70' law='0.1*sign(v)' /\n"
+    "&load on='x1' amplitude=0.7 /\n&transient t_end=8 nu=0.9 /\n",
+    "system": "&system coordinates='x1' 'x2' 'x3' 'x4' 'x5' 'x6' 'x7' stiffness=2 2 2 2 2 2 2 "
+    "mass=1 1 2 1 1 1 1 damping=0.1 0.1 0.1 0.1 0.1 0.1 0.1 kernel=0 /\n"
+    "&force on='x2' law='30*max(x2 - 0.1, 0) + x2 - x1' /\n"
+    "&force on='x1' law='x1 - x2 + 0.1*sign(x1_dot)' /\n"
+    "&load on='x1' amplitude=0.7 /\n&transient t_end=8 nu=0.9 /\n",
 }
 
 
@@ -259,8 +269,9 @@ def test_steps_end_where_laws_switch(solve, tmp_path, name):
     table = read_csv(tmp_path / f"{name}_transient.csv")
     scene = vv.Scene.read(path)
     group, load = scene.groups["transient"], scene.loads()["load"]
+    system = scene.structure() if name != "system" else scene.polynomial_system()
     run = vv.simulate(
-        scene.structure(), group["t_end"], initial=group["initial"], tolerance=1e-11,
+        system, group["t_end"], initial=group["initial"], tolerance=1e-11,
         times=table["t"][1:], load=load or None, nu=group["nu"] if load else None,
     )  # fmt: skip
     for place, one in enumerate(n for n in table.dtype.names if n != "t"):

@@ -295,8 +295,8 @@ def test_what_is_refused_says_why():
     table = vv.TabulatedKernel(times=[0, 1, 2], values=[0.3, 0.1, 0.05])
     with pytest.raises(vv.InputError, match=r"TabulatedKernel.*sum_of_exponentials"):
         run(rubber(kernel=table))
-    many = vv.PronyKernel(weights=np.full(300, 0.001), rates=np.linspace(1, 70, 300))
-    with pytest.raises(vv.InputError, match="at most 256 coordinates and exponentials"):
+    many = vv.PronyKernel(weights=np.full(600, 5e-4), rates=np.linspace(1, 70, 600))
+    with pytest.raises(vv.InputError, match="at most 512 coordinates and exponentials"):
         run(rubber(kernel=many))
     sharp = [
         vv.Spring(

@@ -235,8 +235,8 @@ def test_goes_on_bit_for_bit(element):
             "a stop with restitution is for motions in time",
         ),
         (
-            lambda: vv.simulate(body(vv.Jenkins(on="x1", stiffness=1, limit=1), n=65), 1, dt=0.1),
-            "at most 64 coordinates, has 65",
+            lambda: vv.simulate(body(vv.Jenkins(on="x1", stiffness=1, limit=1), n=513), 1, dt=0.1),
+            "at most 512 coordinates, has 513",
         ),
         (
             lambda: vv.simulate(

@@ -55,15 +55,14 @@ _MEMORY = 256
 _OF_COORDINATE = 14
 #: Coordinates of a polynomial system that explicit methods take: those of a lane of the core.
 MAX_DOF = 6
-#: Methods that take more, by the sections of the linear rest, and how many these may be.
+#: Methods that take more, by the sections of the linear rest.
 IN_SECTIONS = ("gauss8", "gauss2", "gauss3")
-MAX_SECTIONS = 64
 #: The method whose parts behind a switch, each twice as long as the one before, see what fades.
 REMEMBERING = ("gauss8",)
 #: What such motions are told of memory: it is by exponentials.
 AS_COORDINATES = ("auto", "exponentials")
 #: The same with coordinates of the core for exponentials that remember, as of `modal_frame`.
-MOST_IN_FRAME = 256
+MOST_IN_FRAME = 512
 #: Where masses begin in the numbers of a system.
 _MASS = 5
 #: Where the numbers of a system count its kernels; of structures they stand in elements alone.
@@ -143,6 +142,20 @@ def goes_as_pendulum(
         and isinstance(highest, int)
         and highest <= MAX_HARMONICS
     )
+
+
+def goes_in_sections(system: object, method: str, memory: str) -> TypeGuard[PolynomialSystem]:
+    """Whether a system of more coordinates than lanes hold has steps that end where laws switch."""
+    if not isinstance(system, PolynomialSystem) or system._turns or not switches_by_itself(system):
+        return False
+    n = len(system.dof_names)
+    if not MAX_DOF < n <= MOST_IN_FRAME or not system._has_frame:
+        return False
+    if not (isinstance(memory, str) and memory in AS_COORDINATES):
+        return False
+    if not (isinstance(method, str) and method in ("auto", *IN_SECTIONS)):
+        return False
+    return not system._active_kernels or _fades_beside_switches(system, method)
 
 
 def switches_by_itself(system: PolynomialSystem) -> bool:

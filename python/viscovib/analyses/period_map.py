@@ -17,7 +17,6 @@ from viscovib import _native
 from viscovib._native import ComplexArray, FloatArray, core
 from viscovib.analyses.memoryless import (
     MAX_DOF,
-    MAX_SECTIONS,
     METHODS,
     MOST_IN_FRAME,
 )
@@ -113,8 +112,8 @@ class PeriodMap:
             whole = whole_system(system)
         assert isinstance(whole, PolynomialSystem)
         n = len(whole.dof_names)
-        if n > MAX_SECTIONS:
-            raise InputError(f"system: has {n} coordinates, must have at most {MAX_SECTIONS}")
+        if n > MOST_IN_FRAME:
+            raise InputError(f"system: has {n} coordinates, must have at most {MOST_IN_FRAME}")
         hidden, fitted = n_hidden(whole)
         if hidden < 0 or fitted or n + hidden > MOST_IN_FRAME:
             raise InputError(

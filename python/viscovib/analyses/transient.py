@@ -17,7 +17,12 @@ from viscovib.analyses.accuracy import Accuracy
 from viscovib.analyses.estimates import with_estimate
 from viscovib.analyses.events import Event, Watch
 from viscovib.analyses.hereditary import MountMotion
-from viscovib.analyses.memoryless import goes_as_pendulum, pendulum_runs, polynomial_runs
+from viscovib.analyses.memoryless import (
+    goes_as_pendulum,
+    goes_in_sections,
+    pendulum_runs,
+    polynomial_runs,
+)
 from viscovib.analyses.resume import Maker, breaks_of, check_resumed, go_on, known, other_loads
 from viscovib.analyses.runs import (
     MAX_FIRST_STEPS,
@@ -179,12 +184,12 @@ def simulate(
     Of a structure the modes of its linear rest go from step to step exactly, under periodic loads
     and tables too; the step only has to resolve the forces of its elements, polynomials through
     the nodes of a step. A step costs as many operations as there are modes, times its nodes. Its
-    methods are those of a mount. A polynomial system of more than 64 coordinates goes the same way.
-    Where laws have kinks or states, steps end at their switches in structures of at most 64
-    coordinates without ``memory="direct"``, which keeps the past at whole steps, and in polynomial
-    systems of at most 6: by the methods of a pendulum, of which more than 6 coordinates have
-    "gauss8", "gauss2" and "gauss3", those with memory "gauss8". Kernels that are no sums of
-    exponentials are taken as such, fitted for the step; tables of points cannot be.
+    methods are those of a mount. A smooth polynomial system of more than 64 coordinates goes the same way.
+    Where laws have kinks or states, steps end at their switches in structures and polynomial
+    systems of at most 512 coordinates without ``memory="direct"``, which keeps the past at whole
+    steps: by the methods of a pendulum, of which more than 6 coordinates have "gauss8", "gauss2"
+    and "gauss3", those with memory "gauss8". Kernels that are no sums of exponentials are
+    replaced by such sums, fitted for the step; tables of points cannot be.
 
     Examples
     --------
@@ -354,6 +359,11 @@ def runs_of(
         kept = given.coordinates
         made = whole_runs(
             system, end, initial, method, load, nu, force, solved, kept, base=base, held=held
+        )
+        return *made, 1
+    if goes_in_sections(system, method, given.memory):
+        made = polynomial_runs(
+            system, end, initial, method, load, nu, force, solved, True, base, held
         )
         return *made, 1
     if isinstance(system, Structure) or goes_condensed(system):

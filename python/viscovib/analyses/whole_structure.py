@@ -1,4 +1,4 @@
-"""Structures of up to 64 coordinates in time, whole: steps end where laws switch.
+"""Structures of few coordinates in time, whole: steps end where laws switch.
 
 Of kernels that are sums of exponentials each term is a coordinate of the core that no result tells;
 others are taken as such sums, fitted for the steps of a run.
@@ -19,7 +19,6 @@ from viscovib.analyses.memoryless import (
     AS_COORDINATES,
     IN_SECTIONS,
     MAX_DOF,
-    MAX_SECTIONS,
     METHODS,
     MOST_IN_FRAME,
     REMEMBERING,
@@ -33,7 +32,8 @@ from viscovib.errors import InputError
 from viscovib.results.trajectory import Trajectory
 from viscovib.systems.load import LoadLike
 from viscovib.systems.load_table import LoadTable
-from viscovib.systems.structure import Structure
+from viscovib.systems.spring_groups import is_definite
+from viscovib.systems.structure import ALL_GIVEN, Structure
 from viscovib.systems.structure_matrices import dense_of
 from viscovib.systems.whole import (
     has_text_laws,
@@ -84,8 +84,8 @@ def goes_whole(
 def _lacks_wholeness(system: Structure) -> str | None:
     """Say what keeps a structure from going by its whole equations; None: nothing."""
     n = len(system.dof_names)
-    if n > MAX_SECTIONS:
-        return f"is for structures of at most {MAX_SECTIONS} coordinates, has {n}"
+    if n > MOST_IN_FRAME:
+        return f"is for structures of at most {MOST_IN_FRAME} coordinates, has {n}"
     if system._reduced is not None:
         return "is for structures that are not reduced"
     if not _all_has_mass(system):
@@ -129,14 +129,7 @@ def _lacks_exponentials(structure: Structure) -> str | None:
 @once_each
 def _all_has_mass(structure: Structure) -> bool:
     """Whether the mass matrix is positive definite, but for rounding, as the core decides it."""
-    mass = dense_of(structure.mass)
-    if not np.all(np.diag(mass) > 0):
-        return False
-    try:
-        pivots = np.diag(np.linalg.cholesky(mass)) ** 2
-    except np.linalg.LinAlgError:
-        return False
-    return bool(np.all(pivots > 1e-10 * np.diag(mass)))
+    return is_definite(dense_of(structure.mass))
 
 
 def whole_runs(
@@ -155,9 +148,14 @@ def whole_runs(
 ) -> tuple[Callable[[float], Run], int]:
     """Return what makes a run with a step, and the steps to begin with.
 
-    ``coordinates``: the names of those kept; None: all.
+    ``coordinates``: the names of those kept; None: all of few, else those that something acts on.
     """
-    places = None if coordinates is None else structure._chosen(coordinates)
+    places: _Places = None
+    if coordinates is not None:
+        places = structure._chosen(coordinates)
+    elif structure.n_coordinates > ALL_GIVEN:
+        waved = None if isinstance(base, LoadTable) else base
+        places = structure._wanted(None, structure._loaded(load, waved))
     whole = whole_system(structure)
     make, steps = polynomial_runs(
         whole, end, initial, method, load, nu, force, solved, True, base, held

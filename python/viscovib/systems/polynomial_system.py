@@ -28,6 +28,7 @@ from viscovib.systems.spring_groups import (
     Forces,
     SpringGroup,
     Springs,
+    is_definite,
     spring_group,
     square_matrix,
     texts_of,
@@ -334,6 +335,13 @@ class PolynomialSystem:
     def _turns(self) -> bool:
         """Whether masses depend on the motion: of some bodies."""
         return False
+
+    @cached_property
+    def _has_frame(self) -> bool:
+        """Whether there are modes to write a motion in, as the core decides it."""
+        mass = self._mass_matrix
+        skew = np.abs(mass - mass.T).max()
+        return bool(skew <= 1e-14 * np.abs(mass).max()) and is_definite(mass)
 
     @property
     def _mass_matrix(self) -> FloatArray:

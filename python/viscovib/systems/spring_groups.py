@@ -109,6 +109,17 @@ class SpringGroup(NamedTuple):
         )  # fmt: skip
 
 
+def is_definite(matrix: FloatArray) -> bool:
+    """Whether a symmetric matrix is positive definite, but for rounding, as the core decides it."""
+    if not np.all(np.diag(matrix) > 0):
+        return False
+    try:
+        pivots = np.diag(np.linalg.cholesky(matrix)) ** 2
+    except np.linalg.LinAlgError:
+        return False
+    return bool(np.all(pivots > 1e-10 * np.diag(matrix)))
+
+
 def square_matrix(name: str, value: npt.ArrayLike | None, n: int | None) -> FloatArray:
     """Return a number, a diagonal or a matrix as a matrix that does not change."""
     if value is None:

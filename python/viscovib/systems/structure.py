@@ -46,9 +46,10 @@ if TYPE_CHECKING:
     from viscovib.systems.characteristic import CharacteristicRoots
     from viscovib.systems.reduced import ReducedRest
 
-#: Coordinates up to which all are given where none are chosen, and up to which modes are computed
-#: of dense matrices, and of sparse ones as if they were dense.
-_ALL_GIVEN, _MAX_DENSE, _SMALL = 64, 5000, 1000
+#: Coordinates up to which all are given where none are chosen.
+ALL_GIVEN = 64
+#: Those up to which modes are computed of dense matrices, and of sparse ones as if they were dense.
+_MAX_DENSE, _SMALL = 5000, 1000
 #: Coordinates at most.
 _MOST = 1_000_000
 
@@ -481,13 +482,13 @@ class Structure:
     def _wanted(self, coordinates: Any, loaded: LoadedStructure) -> npt.NDArray[np.intp]:
         """Places of the coordinates that results hold."""
         if coordinates is None:
-            if self.n_coordinates <= _ALL_GIVEN:
+            if self.n_coordinates <= ALL_GIVEN:
                 return np.arange(self.n_coordinates)
             touched = loaded.forces.any(axis=1)
             for element in self._all_elements:
                 touched |= element.direction != 0
             # Without loads and elements the start alone moves it: one is shown, as by the driver.
-            places = np.flatnonzero(touched)[:_ALL_GIVEN]
+            places = np.flatnonzero(touched)[:ALL_GIVEN]
             return places if places.size else np.arange(1)
         return self._chosen(coordinates)
 

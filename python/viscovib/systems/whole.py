@@ -87,6 +87,13 @@ def _laws_of(structure: Structure) -> list[Law]:
     return laws
 
 
+class _Whole(PolynomialSystem):
+    """All coordinates of a structure: as many as motions in time take."""
+
+    def _check_large(self) -> None:
+        _native.call(core.polynomial_check, self._vector)
+
+
 @once_each
 def whole_system(structure: Structure) -> PolynomialSystem:
     """Return the same system in all its coordinates, its memory in the vector alone.
@@ -144,7 +151,7 @@ def whole_system(structure: Structure) -> PolynomialSystem:
             add_force(forces[behind], c, own[on], factors, n)
         reads = np.array(coupling.directions)
         laws += [law.numbers(reads, own[on], behind) for on, law in coupling.programs]
-    whole = PolynomialSystem(
+    whole = _Whole(
         mass=mass, stiffness=stiffness, damping=damping, base_direction=structure.base_direction
     )
     direction = np.zeros(n) if whole._base_direction is None else whole._base_direction
