@@ -241,6 +241,7 @@ def test_where_stiff_springs_hide_a_branch_the_way_out_is_told_and_right(decades
         stiffness=[[softer, corner], [corner, stiffness[1, 1]]], forces=["0.5*x1^3", "0"],
     )  # fmt: skip
     right = vv.trace_response(turned, (0.3, 2.0), load=[0.1, 0.1], stability=False)
-    assert found.complete and right.complete
+    assert found.complete
+    assert right.complete
     assert right.folds.size == 2
     np.testing.assert_allclose(found.folds, right.folds, rtol=1e-12)

@@ -80,8 +80,9 @@ def steady_motion(
     Parameters
     ----------
     system : PolynomialSystem or Structure
-        Of at most 512 coordinates, whose time grows with their cube; with memory, if its kernels are sums of exponentials; without
-        elements that have a state (`Jenkins`, `Iwan`, `BoucWen`, `Dahl`: see `forced_response`).
+        Of at most 512 coordinates (time grows with the cube of their number); with memory, if its
+        kernels are sums of exponentials; without elements that have a state (`Jenkins`, `Iwan`,
+        `BoucWen`, `Dahl`: see `forced_response`).
     nu : float
         Circular frequency of the load (rad/s).
     load

@@ -184,7 +184,8 @@ def simulate(
     Of a structure the modes of its linear rest go from step to step exactly, under periodic loads
     and tables too; the step only has to resolve the forces of its elements, polynomials through
     the nodes of a step. A step costs as many operations as there are modes, times its nodes. Its
-    methods are those of a mount. A smooth polynomial system of more than 64 coordinates goes the same way.
+    methods are those of a mount. A smooth polynomial system of more than 64 coordinates goes the
+    same way.
     Where laws have kinks or states, steps end at their switches in structures and polynomial
     systems of at most 512 coordinates without ``memory="direct"``, which keeps the past at whole
     steps: by the methods of a pendulum, of which more than 6 coordinates have "gauss8", "gauss2"
