@@ -19,7 +19,9 @@ module viscovib_hereditary_job
   use viscovib_simulate, only: run_coarse, run_diverged, run_event
   use viscovib_status, only: fail, set_ok, show, status_input_error, status_type, things
   use viscovib_time_load, only: time_load_type
-  use viscovib_transient_job, only: make_runs, run_maker, trajectory_type, transient_job
+  use viscovib_trajectory, only: shaken
+  use viscovib_transient_job, only: first_steps, make_runs, max_steps, run_maker, &
+    trajectory_type, transient_job
   use viscovib_transient_plan, only: plan_steps
   use viscovib_watch, only: new_watch
   implicit none
@@ -59,11 +61,16 @@ module viscovib_hereditary_job
     type(base_motion_type) :: base
     !> What is kept of the state, at the start, (u_1, u'_1, ...).
     real(wp), allocatable :: first(:)
-    !> Part of the usual error to which equations of memory are solved.
+    !> Part of the usual error to which equations of memory are solved, and steps of the first run:
+    !! they are solved as much better as steps are shorter, as two runs that leave as much of them
+    !! differ by none of it.
     real(wp) :: sharper = 1.0_wp
+    integer(i8) :: n_first = 1_i8
   contains
     procedure :: make
+    procedure :: make_shaken
     procedure(start_interface), deferred :: start
+    procedure(shake_interface), deferred :: shake
     procedure :: align
   end type hereditary_runs
 
@@ -84,12 +91,23 @@ module viscovib_hereditary_job
       real(wp), intent(in), optional :: shortest
     end subroutine start_interface
 
+    !> Begin at a start, with a system, whose numbers are other by as much as `shaken`; `sign`: of
+    !! what is added to the start.
+    subroutine shake_interface(self, sign)
+      import :: hereditary_runs
+      class(hereditary_runs), intent(inout) :: self
+      integer, intent(in) :: sign
+    end subroutine shake_interface
+
   end interface
 
   !> Runs whose state are the coordinates themselves.
   type, extends(hereditary_runs) :: coordinate_runs
+    !> One of other masses.
+    class(oscillator_type), pointer :: other => null()
   contains
     procedure :: start => start_coordinates
+    procedure :: shake => shake_coordinates
   end type coordinate_runs
 
 contains
@@ -141,11 +159,15 @@ contains
     real(wp), intent(in) :: fastest
     type(trajectory_type), intent(out) :: trajectory
     type(status_type), intent(out) :: status
+    class(oscillator_type), allocatable, target :: other
     type(coordinate_runs) :: maker
     real(wp) :: frequency
     integer :: k
 
     maker%system => system
+    allocate (other, source=system)
+    call other%weigh(1.0_wp - 2.0_wp*shaken)
+    maker%other => other
     maker%first = job%initial
     allocate (maker%load%frequencies(size(load%orders)))
     allocate (maker%load%amplitudes(system%n_dof(), size(load%orders)))
@@ -179,6 +201,7 @@ contains
     type(trajectory_type), intent(out) :: trajectory
     type(status_type), intent(out) :: status
 
+    maker%n_first = int(first_steps(job, min(wanted, 2.0_wp*max_steps)), i8)
     call make_runs(maker, job, wanted, trajectory, status)
     if (.not. (status%failed() .and. job%dt <= 0.0_wp .and. any(maker%system%kernel_of > 0))) return
     if (status%subject /= 'tolerance') return
@@ -258,6 +281,27 @@ contains
     end do
   end subroutine make
 
+  subroutine make_shaken(self, job, n, thinning, sign, trajectory, status)
+    class(hereditary_runs), intent(in) :: self
+    class(transient_job), intent(in) :: job
+    integer(i8), intent(in) :: n
+    integer, intent(in) :: thinning, sign
+    type(trajectory_type), intent(out) :: trajectory
+    type(status_type), intent(out) :: status
+    class(hereditary_runs), allocatable :: maker
+    allocate (maker, source=self)
+    call maker%shake(sign)
+    call maker%make(job, n, thinning, trajectory, status)
+  end subroutine make_shaken
+
+  !> Forces have other arguments, u/(1 + s), and other values, by 1 + 2 s.
+  subroutine shake_coordinates(self, sign)
+    class(coordinate_runs), intent(inout) :: self
+    integer, intent(in) :: sign
+    self%first = self%first*(1.0_wp + sign*shaken)
+    self%system => self%other
+  end subroutine shake_coordinates
+
   subroutine start_coordinates(self, job, base, past, h, solved, run, reason, shortest)
     class(coordinate_runs), intent(in) :: self
     type(hereditary_job), intent(in) :: job
@@ -317,7 +361,8 @@ contains
     solved = job%tolerance
     if (job%relative > 0.0_wp) solved = job%relative
     if (job%tolerance > 0.0_wp) solved = min(solved, job%tolerance)
-    solved = max(0.1_wp*self%sharper*solved, rounding)
+    solved = max(self%sharper*(0.1_wp*solved), rounding)
+    solved = max(solved/real(n/self%n_first, wp)**3, rounding)
     ! Without memory the step alone shall decide the error.
     if (job%dt <= 0.0_wp .and. .not. any(self%system%kernel_of > 0)) solved = rounding
     past = past_exponentials

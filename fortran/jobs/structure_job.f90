@@ -15,6 +15,7 @@ module viscovib_structure_job
   use viscovib_structure, only: structure_type
   use viscovib_structure_march, only: new_structure_march, structure_march_type
   use viscovib_structure_model, only: structure_model
+  use viscovib_trajectory, only: shaken
   use viscovib_transient_job, only: trajectory_type
   use viscovib_transient_plan, only: plan_steps
   use viscovib_watch, only: renumbered
@@ -34,6 +35,7 @@ module viscovib_structure_job
     real(wp), allocatable :: held(:), q(:), v(:)
   contains
     procedure :: start
+    procedure :: shake
   end type structure_runs
 
 contains
@@ -274,6 +276,25 @@ contains
     end associate
     call move_alloc(own, run)
   end subroutine start
+
+  !> Forces of loads and elements have other values, by 1 + 2 s.
+  subroutine shake(self, sign)
+    class(structure_runs), intent(inout) :: self
+    integer, intent(in) :: sign
+    real(wp), parameter :: pushed = 1.0_wp + 2.0_wp*shaken
+    real(wp) :: begun
+    begun = 1.0_wp + sign*shaken
+    self%first = begun*self%first
+    self%q = begun*self%q
+    self%v = begun*self%v
+    associate (sections => self%sections)
+      sections%pushed = pushed*sections%pushed
+      sections%waves = pushed*sections%waves
+      sections%others%right = pushed*sections%others%right
+      sections%others%sine = pushed*sections%others%sine
+      sections%others%cosine = pushed*sections%others%cosine
+    end associate
+  end subroutine shake
 
   !> What will be computed and what is skipped, with the reasons.
   function plan_structure(job, system, load) result(text)

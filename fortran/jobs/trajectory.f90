@@ -7,7 +7,7 @@ module viscovib_trajectory
   implicit none
   private
 
-  public :: trajectory_type, change_of, compare, growth_is_told, grown_of, hopeless, off_of
+  public :: trajectory_type, change_of, compare, grown_of, hopeless, off_of, risen
   public :: rounding_of
 
   !> What halving the step gains of errors where steps go over kinks of forces.
@@ -106,47 +106,51 @@ contains
     where (grown <= linear*maxval(abs(run%states), 2)) grown = part*grown
   end function grown_of
 
-  !> Whether the difference of two runs tells what roundings become, or that they do not grow.
-  !! Errors of steps and roundings grow alike: where in every part of a run two differ by far more
-  !! than rounding, so do their ends by far more than what becomes of it. Where their difference
-  !! does not rise from any part to a later one nothing grows by itself.
-  pure logical function growth_is_told(coarse, fine)
+  !> What the difference of two runs tells that roundings become; huge: it does not tell it. Errors
+  !! of steps and roundings grow alike: where in every part of a run two differ by far more than
+  !! rounding, so do their ends by far more than what becomes of it. Where their difference hardly
+  !! rises from any part to a later one, roundings of numbers rise as much at most.
+  pure real(wp) function risen(coarse, fine)
     type(trajectory_type), intent(in) :: coarse, fine
-    growth_is_told = .false.
+    risen = huge(1.0_wp)
     if (coarse%outcome /= run_completed .or. fine%outcome /= run_completed) return
     if (allocated(coarse%looks) .and. allocated(fine%looks)) then
-      growth_is_told = tell_growth(coarse%looks, fine%looks)
+      risen = rise_of(coarse%looks, fine%looks)
     else
-      growth_is_told = tell_growth(coarse%states, fine%states)
+      risen = rise_of(coarse%states, fine%states)
     end if
-  end function growth_is_told
+    if (risen < huge(1.0_wp)) risen = safety*epsilon(1.0_wp)*risen*maxval(abs(fine%states))
+  end function risen
 
-  !> The same of states of two runs, a column each.
-  pure logical function tell_growth(coarse, fine)
+  !> By how much the difference of states of two runs, a column each, rises at most; huge: by more
+  !! than it may.
+  pure real(wp) function rise_of(coarse, fine) result(rise)
     real(wp), intent(in) :: coarse(:, :), fine(:, :)
-    real(wp) :: off, rounding, least
-    logical :: is_beyond, is_steady
+    real(wp) :: off, rounding, least, most
+    logical :: is_beyond
     integer :: i, k, n
-    tell_growth = .false.
+    rise = huge(1.0_wp)
     n = size(fine, 2)
     if (n <= 2*windows .or. size(coarse, 2) /= n) return
+    rise = 0.0_wp
     do i = 1, size(fine, 1)
       rounding = epsilon(1.0_wp)*maxval(abs(fine(i, :)))
       least = huge(1.0_wp)
+      most = 0.0_wp
       is_beyond = .true.
-      is_steady = .true.
       do k = 0, windows - 1
         associate (here => k*n/windows + 1, there => (k + 1)*n/windows)
           off = maxval(abs(fine(i, here:there) - coarse(i, here:there)))
         end associate
         least = min(least, max(off, rounding, 1.0e-300_wp))
+        most = max(most, off/least)
         is_beyond = is_beyond .and. off >= beyond*rounding
-        is_steady = is_steady .and. off <= steady*least
       end do
-      if (.not. (is_beyond .or. is_steady)) return
+      if (is_beyond) cycle
+      rise = max(rise, most)
+      if (most > steady) rise = huge(1.0_wp)
     end do
-    tell_growth = .true.
-  end function tell_growth
+  end function rise_of
 
   !> What rounding leaves of a motion: of its states, of what stands for kernels, of its phases, and
   !! what it moves within what times of its states, and paces of it, are rounded.

@@ -9,7 +9,7 @@ module viscovib_transient_job
   use viscovib_run_maker, only: run_maker, transient_job
   use viscovib_simulate, only: run_completed, run_names, run_stopped
   use viscovib_status, only: fail, set_ok, show, status_input_error, status_type
-  use viscovib_trajectory, only: change_of, compare, grown_of, growth_is_told, hopeless, off_of, &
+  use viscovib_trajectory, only: change_of, compare, grown_of, hopeless, off_of, risen, &
     rounding_of, trajectory_type
   implicit none
   private
@@ -236,7 +236,7 @@ contains
     logical, intent(in) :: met
     type(status_type), intent(out) :: status
     type(trajectory_type) :: other
-    real(wp) :: allowed(size(fine%states, 1)), grown(size(fine%states, 1))
+    real(wp) :: allowed(size(fine%states, 1)), grown(size(fine%states, 1)), rise
     integer :: sign
     call set_ok(status)
     if (growth%factor == 0 .and. (met .or. change <= near*maxval(abs(fine%states)))) then
@@ -245,7 +245,11 @@ contains
     end if
     if (.not. met) return
     if (.not. allocated(growth%grown)) then
-      if (growth_is_told(coarse, fine)) return
+      rise = risen(coarse, fine)
+      if (rise < huge(1.0_wp)) then
+        change = max(change, rise)
+        return
+      end if
       do sign = 1, -1, -2
         call maker%make_shaken(job, n*growth%factor, growth%factor, sign, other, status)
         if (status%failed() .or. .not. allocated(other%states)) return

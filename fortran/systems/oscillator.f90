@@ -62,6 +62,7 @@ module viscovib_oscillator
     procedure :: moving_slopes
     procedure :: load_along
     procedure :: rename_state
+    procedure :: weigh
     procedure :: n_dof
     procedure :: n_memory
     procedure :: n_rates
@@ -125,6 +126,13 @@ module viscovib_oscillator
   end interface
 
 contains
+
+  !> Masses other by a factor.
+  subroutine weigh(self, factor)
+    class(oscillator_type), intent(inout) :: self
+    real(wp), intent(in) :: factor
+    self%mass = factor*self%mass
+  end subroutine weigh
 
   !> Variables with a kernel that is 0 forget at once.
   subroutine drop_zero_kernels(self)

@@ -70,6 +70,7 @@ module viscovib_turning_body
     procedure :: moving_slopes
     procedure :: load_along
     procedure :: rename_state
+    procedure :: weigh
   end type turning_body
 
 contains
@@ -80,9 +81,7 @@ contains
     real(wp), intent(in) :: mass(:, :), damping(:, :), base_direction(:)
     type(body_spring), intent(in) :: springs(:)
     type(kernel_holder), intent(in) :: kernels(:)
-    complex(wp) :: inverse(3, 3)
     real(wp) :: row(size(mass, 1))
-    logical :: singular
     real(wp) :: bend(3, 3)
     integer :: i, j, m, n
 
@@ -91,11 +90,9 @@ contains
     body%springs = springs
     body%winds = .not. any(springs%turning)
     body%mass = mass
+    call body%weigh(1.0_wp)
     body%damping = damping
     body%base_direction = base_direction
-    body%inertia = mass(4:6, 4:6)
-    call invert(cmplx(body%inertia, 0.0_wp, wp), inverse, singular)
-    body%inverse = real(inverse)
     call copy_kernels(kernels, body%kernels)
     body%kernel_of = springs%kernel
     bend = 0.0_wp
@@ -121,6 +118,18 @@ contains
     body%moving = .true.
     call body%drop_zero_kernels()
   end subroutine new_turning_body
+
+  !> Masses other by a factor, and what is known of them.
+  subroutine weigh(self, factor)
+    class(turning_body), intent(inout) :: self
+    real(wp), intent(in) :: factor
+    complex(wp) :: inverse(3, 3)
+    logical :: singular
+    self%mass = factor*self%mass
+    self%inertia = self%mass(4:6, 4:6)
+    call invert(cmplx(self%inertia, 0.0_wp, wp), inverse, singular)
+    self%inverse = real(inverse)
+  end subroutine weigh
 
   !> What moments of constant forces at points that turn change by with theta, in axes of the body;
   !! symmetric where they are in balance.

@@ -19,7 +19,7 @@ module viscovib_hereditary
   use viscovib_kinds, only: wp
   use viscovib_march, only: begun, no_exponentials, no_integral, step_too_large
   use viscovib_oscillator, only: oscillator_type
-  use viscovib_step_equations, only: new_step_equations, step_equations_type
+  use viscovib_step_equations, only: new_step_equations, solved_for, step_equations_type
   use viscovib_time_load, only: new_clock, time_load_type
   implicit none
   private
@@ -142,8 +142,7 @@ contains
     run%gather_bends = run%channels%gather(:, run%maps(1)%bent)
     allocate (run%points(0:s + 1, size(u)), run%g(0:s + 1, run%maps(1)%n_channels))
     run%points = 0.0_wp
-    call new_step_equations(run%equations, run%maps(1), run%table, &
-                            max(1.0e-2_wp*tolerance, epsilon(1.0_wp)))
+    call new_step_equations(run%equations, run%maps(1), run%table, solved_for(tolerance))
     call run%stand_still(system)
   end subroutine new_hereditary
 

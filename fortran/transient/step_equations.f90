@@ -15,7 +15,7 @@ module viscovib_step_equations
   implicit none
   private
 
-  public :: step_equations_type, new_step_equations
+  public :: step_equations_type, new_step_equations, solved_for
 
   integer, parameter :: max_iterations = 50
   !> A correction whose cubes may pass the range of numbers: iterations go on to no motion there.
@@ -57,6 +57,13 @@ module viscovib_step_equations
   end type step_equations_type
 
 contains
+
+  !> Relative change at which solutions count as found in a motion wanted so exactly: so far beyond
+  !! it that steps and kernels alone decide the error, also where the motion makes much of little.
+  pure real(wp) function solved_for(tolerance) result(solved)
+    real(wp), intent(in) :: tolerance
+    solved = max(1.0e-6_wp*tolerance, epsilon(1.0_wp))
+  end function solved_for
 
   subroutine new_step_equations(self, map, table, solved)
     type(step_equations_type), intent(out) :: self

@@ -21,7 +21,7 @@ module viscovib_structure_march
   use viscovib_memory_channels, only: channels_type, new_channels
   use viscovib_modal_maps, only: sections_type
   use viscovib_oscillator, only: oscillator_type
-  use viscovib_step_equations, only: new_step_equations, step_equations_type
+  use viscovib_step_equations, only: new_step_equations, solved_for, step_equations_type
   use viscovib_structure_inside, only: state_inside
   use viscovib_structure_phases, only: new_phases, phases_type
   use viscovib_structure_places, only: places_type
@@ -122,7 +122,7 @@ contains
 
     reason = begun
     run%bound = system%largest_amplitude()
-    run%solved = max(1.0e-2_wp*tolerance, epsilon(1.0_wp))
+    run%solved = solved_for(tolerance)
     run%sections = padded_sections(sections)
     run%shown = padded_rows(shown)
     run%shown_left = shown_left

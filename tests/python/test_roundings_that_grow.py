@@ -10,31 +10,40 @@ ORDER, STEPS, END = 30, 640, 80.0
 LONG = np.longdouble
 
 
-def by_series(start, drag, linear, cubic, sine, force, nu):
-    """Ends of x'' = force sin(nu t) - drag x' - linear x - cubic x^3 - sine sin(x), of systems.
+#: Weights and rates of what a spring remembers.
+MEMORY = np.array([0.1, 0.2]), np.array([0.8, 5.0])
 
-    By power series of x, x^2, sin(x) and cos(x) in each step, by recurrence, in 19 digits or more.
+
+def by_series(start, drag, linear, cubic, sine, force, nu, weights=0.0 * MEMORY[0]):
+    """Ends of x'' = force sin(nu t) - drag x' - linear w - cubic x^3 - sine sin(x), of systems.
+
+    w = x - sum_i weight_i z_i, z_i' = x - rate_i z_i, z_i(0) = 0. By power series of x, x^2,
+    sin(x), cos(x) and z in each step, by recurrence, in 19 digits or more.
     """
+    weights, rates = weights.astype(LONG), MEMORY[1].astype(LONG)
     numbers = (np.asarray(one, LONG) for one in (drag, linear, cubic, sine, force, nu))
     drag, linear, cubic, sine, force, nu = numbers
     x, v = np.asarray(start, LONG).T
     h = LONG(END) / STEPS
     c, square, sin, cos, turned = (np.zeros((ORDER + 1, x.size), LONG) for _ in range(5))
+    past, z = np.zeros((ORDER + 1, rates.size, x.size), LONG), np.zeros((rates.size, x.size), LONG)
     for step in range(STEPS):
-        c[0], c[1], sin[0], cos[0] = x, v, np.sin(x), np.cos(x)
+        c[0], c[1], sin[0], cos[0], past[0] = x, v, np.sin(x), np.cos(x), z
         wave = force * np.array([np.sin(nu * step * h), nu * np.cos(nu * step * h)])
         for k in range(ORDER - 1):
             square[k] = (c[: k + 1] * c[k::-1]).sum(axis=0)
             turned[k] = (k + 1) * c[k + 1]
             push = wave[k % 2] * (1, 1, -1, -1)[k % 4]
-            a = push - drag * turned[k] - linear * c[k] - sine * sin[k]
+            a = push - drag * turned[k] - linear * (c[k] - weights @ past[k]) - sine * sin[k]
             c[k + 2] = (a - cubic * (square[: k + 1] * c[k::-1]).sum(axis=0)) / ((k + 1) * (k + 2))
             sin[k + 1] = (turned[: k + 1] * cos[k::-1]).sum(axis=0) / (k + 1)
             cos[k + 1] = -(turned[: k + 1] * sin[k::-1]).sum(axis=0) / (k + 1)
+            past[k + 1] = (c[k] - rates[:, np.newaxis] * past[k]) / (k + 1)
             wave[k % 2] *= nu**2 / ((k + 1) * (k + 2))
-        x, v = c[-1], 0 * c[-1]
+        x, v, z = c[-1], 0 * c[-1], past[-2]
         for k in range(ORDER - 1, -1, -1):
             x, v = x * h + c[k], v * h + (k + 1) * c[k + 1]
+            z = z * h + past[k] if k < ORDER - 1 else z
     return np.array([x, v]).T
 
 
@@ -47,23 +56,45 @@ def beside_chaos(rng):
     yield (drag, 0.0, 0.0, sine, force, nu), f"{sine!r}*sin(x)"
 
 
+def as_system(linear, law, drag):
+    return vv.PolynomialSystem(mass=1, damping=drag, stiffness=linear, forces=law)
+
+
+def as_structure(linear, law, drag):
+    spring = vv.Spring(on="x1", law=f"{linear - 1!r}*d + {law.replace('x', 'd')}")
+    return vv.Structure(mass=[1.0], damping=[drag], stiffness=[1.0], elements=[spring])
+
+
+def with_memory(linear, law, drag):
+    weights, rates = MEMORY
+    return vv.PolynomialSystem(
+        mass=1, damping=drag, stiffness=linear, springs=[vv.Springs(forces=law)],
+        kernel=vv.PronyKernel(weights=weights, rates=rates),
+    )  # fmt: skip
+
+
 @pytest.mark.skipif(np.finfo(LONG).eps > 1e-18, reason="no doubles of more digits")
-def test_errors_hold_what_roundings_grow_to():
+@pytest.mark.parametrize(
+    ("made", "remembers", "seed"),
+    [(as_system, 0.0, 1), (as_structure, 0.0, 1), (with_memory, 1.0, 7)],
+)
+def test_errors_hold_what_roundings_grow_to(made, remembers, seed):
     """A run more than two in other steps tells it, of which numbers are other by 1e-12.
 
     Numbers of a system are rounded alike in all runs, so that their differences do not tell it.
     """
-    rng = np.random.default_rng(1)
+    rng = np.random.default_rng(seed)
     drawn = [one for _ in range(10) for one in beside_chaos(rng)]
     starts = rng.uniform(-1, 1, (len(drawn), 2))
-    right = by_series(starts, *np.transpose([numbers for numbers, _ in drawn]))
+    numbers = np.transpose([numbers for numbers, _ in drawn])
+    right = by_series(starts, *numbers, remembers * MEMORY[0])
     grown, told = 0, []
     for start, (numbers, law), end in zip(starts, drawn, right, strict=True):
         drag, linear, _, _, force, nu = numbers
-        system = vv.PolynomialSystem(mass=1, damping=drag, stiffness=linear, forces=law)
+        system = made(linear, law, drag)
         for how in ({"dt": 0.05, "estimate_error": True}, {"tolerance": 1e-6}):
             try:
-                run = vv.simulate(system, END, initial=start, load=force, nu=nu, **how)
+                run = vv.simulate(system, END, initial=start, load=[force], nu=nu, **how)
             except vv.InputError as refused:
                 told.append(str(refused))
                 continue

@@ -30,7 +30,7 @@ _LINEAR = 0.1
 _WINDOWS, _BEYOND, _STEADY = 8, 1024.0, 16.0
 
 
-def grown(run: Trajectory, shaken: Callable[[int], Trajectory]) -> FloatArray:
+def grown(run: Trajectory, shaken: Callable[[int], Trajectory | None]) -> FloatArray:
     """What roundings become along a run, by columns where both are whole.
 
     Those of numbers of a system are the same in runs in any steps, whose difference does not tell
@@ -45,9 +45,9 @@ def grown(run: Trajectory, shaken: Callable[[int], Trajectory]) -> FloatArray:
     return found
 
 
-def _grown(run: Trajectory, other: Trajectory) -> FloatArray:
+def _grown(run: Trajectory, other: Trajectory | None) -> FloatArray:
     part = _SAFETY * _EPS / SHAKEN
-    if other.outcome != run.outcome:
+    if other is None or other.outcome != run.outcome:
         return np.full(run.state.shape[1] if run.outcome == "completed" else 1, math.inf)
     if run.outcome == "completed":
         apart = np.abs(other.state - told_in_one_way(run, other).state).max(axis=0)
@@ -57,28 +57,31 @@ def _grown(run: Trajectory, other: Trajectory) -> FloatArray:
     return np.array([part * difference(run, other)])
 
 
-def growth_is_told(coarse: Trajectory, fine: Trajectory) -> bool:
-    """Whether the difference of two runs tells what roundings become, or that they do not grow.
+def risen(coarse: Trajectory, fine: Trajectory) -> float:
+    """What the difference of two runs tells that roundings become; inf: it does not tell it.
 
     Errors of steps and roundings grow alike. Where in every part of a run two differ by far more
     than rounding, so do their ends by far more than what becomes of it. Where their difference
-    does not rise from any part to a later one nothing grows by itself.
+    hardly rises from any part to a later one, roundings of numbers rise as much at most.
     """
     if not "completed" == coarse.outcome == fine.outcome:
-        return False
+        return math.inf
     if fine.t.size > 1:
         one, other = told_in_one_way(coarse, fine).state, fine.state
     else:
         one, other = looks_of(coarse, fine)
     if len(other) <= 2 * _WINDOWS or one.shape != other.shape:
-        return False
+        return math.inf
     apart, sizes = np.abs(other - one), np.abs(other).max(axis=0)
     ends = (np.arange(_WINDOWS) * len(other)) // _WINDOWS
     off = np.maximum.reduceat(apart, ends, axis=0)
     beyond = (off >= _BEYOND * _EPS * sizes).all(axis=0)
     floor = np.maximum(off, np.maximum(_EPS * sizes, 1e-300))
-    steady = (off <= _STEADY * np.minimum.accumulate(floor, axis=0)).all(axis=0)
-    return bool((beyond | steady).all())
+    rise = (off / np.minimum.accumulate(floor, axis=0)).max(axis=0)
+    most = float(np.where(beyond, 0.0, rise).max(initial=0.0))
+    if most > _STEADY:
+        return math.inf
+    return _SAFETY * _EPS * most * float(np.abs(fine.state).max(initial=0.0))
 
 
 @dataclass
@@ -93,19 +96,26 @@ class Growth:
 
     def along(
         self, coarse: Trajectory, factor: int, fine: Trajectory, change: float, *, agreed: bool
-    ) -> FloatArray | None:
-        """Return what they become where two runs agree that do not tell it, else None."""
+    ) -> tuple[FloatArray | None, float]:
+        """Return what they become where two runs agree that do not tell it, else None.
+
+        And what these tell of it where they do.
+        """
         size = float(np.abs(fine.state).max(initial=0.0))
         if self._near is None and (agreed or change <= _NEAR * size):
             self._near = coarse, factor
         if not agreed or self.shaken is None or self._near is None:
-            return None
+            return None, 0.0
         # Runs before and after thin layers are met are not in the same parts of steps.
         in_parts = fine._resume is not None and fine._resume.layers.seen
-        if self._grown is None and not in_parts and not growth_is_told(coarse, fine):
-            run, factor = self._near
-            self._grown = grown(run, partial(self.shaken, factor, 1))
-        return self._grown
+        if self._grown is not None or in_parts:
+            return self._grown, 0.0
+        rise = risen(coarse, fine)
+        if rise < math.inf:
+            return None, rise
+        run, factor = self._near
+        self._grown = grown(run, partial(self.shaken, factor, 1))
+        return self._grown, 0.0
 
 
 def looks_of(*runs: Trajectory) -> list[FloatArray]:
@@ -120,7 +130,7 @@ def with_estimate(
     run: Trajectory,
     make: Callable[[int], Trajectory | None],
     begin: str = "",
-    shaken: Callable[[int], Trajectory] | None = None,
+    shaken: Callable[[int], Trajectory | None] | None = None,
 ) -> Trajectory:
     """The run with the error that others tell; ``make(k)``: in k times the steps, None: it stopped.
 
@@ -138,9 +148,12 @@ def with_estimate(
             change += difference(one, other)
     how = "by a run in half steps" if len(factors) == 1 else "by runs in half steps and thirds"
     how += begin
-    if shaken is not None and (finer[0] is None or not growth_is_told(run, finer[0])):
-        change = max(change, float(grown(run, shaken).max()))
-        how += ", and of numbers that are other by 1e-12"
+    if shaken is not None:
+        rise = math.inf if finer[0] is None else risen(run, finer[0])
+        if rise == math.inf:
+            rise = float(grown(run, shaken).max())
+            how += ", and of numbers that are other by 1e-12"
+        change = max(change, rise)
     error = max(change, least_error(run))
     return replace(run, error=error, _planned=partial(_plan_with_estimate, run, how))
 

@@ -14,7 +14,18 @@ import numpy.typing as npt
 from viscovib import _native
 from viscovib._native import ComplexArray, FloatArray, core
 from viscovib.analyses.kept_numbers import of_mount
-from viscovib.analyses.runs import MAX_STEPS, Piece, Run, Wanted, again, nothing, starting_state
+from viscovib.analyses.mount_loads import inertia_of, sinusoids
+from viscovib.analyses.runs import (
+    MAX_STEPS,
+    ROUNDING,
+    SHAKEN,
+    Piece,
+    Run,
+    Wanted,
+    again,
+    nothing,
+    starting_state,
+)
 from viscovib.common.mesh import Mesh
 from viscovib.common.past import Past
 from viscovib.errors import InputError, StabilityWarning, caller
@@ -100,7 +111,7 @@ class MountMotion:
         table = base if isinstance(base, LoadTable) else None
         waved = None if isinstance(base, LoadTable) else base
         check_oscillator(mount, base)
-        frequencies, amplitudes, waves = _sinusoids(mount, load, nu, waved)
+        frequencies, amplitudes, waves = sinusoids(mount, load, nu, waved)
         breaks, pieces = table_of(force, n)
         warn_of_slow_mode(mount)
         motion = cls(
@@ -128,7 +139,7 @@ class MountMotion:
         cubics = base_pieces
         if not names:
             cubics = np.einsum("dq,pqt->pdt", self._directions, base_pieces)
-        load = _inertia_of(self.mount, times, cubics)
+        load = inertia_of(self.mount, times, cubics)
         loaded = times
         if load.shape[2] > times.size:
             loaded = np.concatenate([[times[0] - EVER], times, [times[-1] + EVER]])
@@ -193,6 +204,7 @@ class MountRun(Run):
 
     counts = "iterations"
     inside = True
+    shaken = SHAKEN
     #: Reason of a run whose steps are too large, and the outcome it is then.
     too_large, coarse = _STEP_TOO_LARGE, _COARSE
 
@@ -209,6 +221,8 @@ class MountRun(Run):
         self.moves: Any = getattr(motion, "moves", None)
         #: Coordinates that the run it goes on from computed.
         self.left_out: Any = None
+        #: By how much masses are other: forces have other values then.
+        self.heavier = 1.0
         if motion.memory == "direct":
             self._keep_all()
 
@@ -234,6 +248,20 @@ class MountRun(Run):
         begun.shortest = least
         finer = again(begun, 1)
         return run if finer is None else finer.steps(n, want, progress)
+
+    @property
+    def sharpens(self) -> bool:  # type: ignore[override]
+        """Whether they are solved to more than rounding."""
+        return self.solved > ROUNDING
+
+    def sharpen(self, factor: int) -> None:
+        """The same: by a third power, slower than any method gains by its steps."""
+        self.solved = max(self.solved / float(factor) ** 3, ROUNDING)
+
+    def shake(self, sign: int) -> None:
+        """The same: forces have other arguments, u/(1 + s), and other values, by 1 + 2 s."""
+        super().shake(sign)
+        self.heavier = 1 - 2 * self.shaken
 
     def adopt(self, earlier: Run) -> None:
         """Go on from the end of an earlier run, under the loads of this one."""
@@ -329,10 +357,14 @@ class MountRun(Run):
         memory = np.zeros(n_memory)
         if self.memory is not None:
             memory[: self.memory.size] = self.memory
+        flat = mount._flat
+        if self.heavier != 1:
+            flat = flat.copy()
+            flat[mount._masses] *= self.heavier
         results = _native.call_either(
             count > _native.MANY_STEPS,
             core.mount_simulate,
-            mount._flat,
+            flat,
             *mount._kernels,
             motion.frequencies,
             motion.amplitudes,
@@ -454,68 +486,6 @@ def _vector(name: str, value: npt.ArrayLike, n: int) -> FloatArray:
     if vector.shape != (n,):
         raise InputError(f"{name}: must have shape ({n},), got {vector.shape}")
     return vector
-
-
-def _sinusoids(
-    mount: Oscillator, load: LoadLike | None, nu: float | None, base: LoadLike | None
-) -> tuple[FloatArray, ComplexArray, ComplexArray]:
-    """Return frequencies, amplitudes of the load, shape (n_dof, m), and of the base.
-
-    Of the motion of the base its acceleration acts, on coordinates relative to it.
-    """
-    n = len(mount.dof_names)
-    if load is None and base is None:
-        if nu is not None:
-            raise InputError("nu: must not be given without load or base")
-        nothing = np.zeros((n, 1), dtype=complex, order="F")
-        return np.zeros(1), nothing, nothing[:1]
-    orders, series = oscillator_series(mount, load, base)
-    apart = orders < 0
-    orders = np.where(apart, -1 - orders, orders)
-    frequency = 0.0 if nu is None else _native.number("nu", nu)
-    if frequency < 0 or (frequency == 0 and (orders > 0).any() and series.any()):
-        given = "None" if nu is None else f"{frequency:g}"
-        raise InputError(f"nu = {given}: must be greater than 0 with a load of order 1 or more")
-    frequencies = np.asarray(orders * frequency, dtype=np.float64)
-    amplitudes = np.array(np.where(apart, 0.0, series[:n]), order="F")
-    direction = mount._base_direction
-    moved = np.where(apart, series[:n], 0.0)
-    if direction is not None:
-        amplitudes += np.outer(mount._mass_matrix @ direction, frequencies**2 * series[n])
-    if apart.any():
-        amplitudes += mount._mass_matrix @ (frequencies**2 * moved)
-    if direction is not None:
-        moved += np.outer(direction, series[n])
-    space = getattr(mount, "_space", None)
-    if space is not None:
-        amplitudes -= space[0] @ (1j * frequencies * moved) + space[1] @ moved
-    waves = moved if apart.any() else series[n:]
-    return frequencies, amplitudes, np.asfortranarray(waves)
-
-
-def _inertia_of(mount: Oscillator, times: FloatArray, cubics: FloatArray) -> FloatArray:
-    """Loads of a base that moves the coordinates by cubics (4, n, m), shape (n, 4, m).
-
-    -M y'' - C_s y' - K_s y of what is relative to it; where the last does not end with the table, a
-    piece before it and one behind, for ever, shape (n, 4, m + 2).
-    """
-    a, mass = cubics[:, :, :-1], mount._mass_matrix
-    load = np.zeros((mass.shape[0], 4, times.size), order="F")
-    load[:, 2, :-1] = -6 * (mass @ a[0])
-    load[:, 3, :-1] = -2 * (mass @ a[1])
-    space = getattr(mount, "_space", None)
-    if space is None:
-        return load
-    damping, stiffness = space
-    for p in range(4):
-        load[:, p, :-1] -= stiffness @ a[p]
-        if p:
-            load[:, p, :-1] -= (4 - p) * (damping @ a[p - 1])
-    ever = np.zeros((mass.shape[0], 4, times.size + 2), order="F")
-    ever[:, :, 1:-2] = load[:, :, :-1]
-    ever[:, 3, 0] = -stiffness @ cubics[3, :, 0]
-    ever[:, 3, -2] = -stiffness @ cubics[3, :, -1]
-    return ever if stiffness.any() else load
 
 
 def warn_of_slow_mode(mount: Oscillator) -> None:

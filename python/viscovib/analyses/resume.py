@@ -3,6 +3,7 @@
 import copy
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -254,11 +255,14 @@ def go_on(
     if not estimated:
         return result
 
-    def fine(factor: int) -> Trajectory | None:
-        finer = again(begun, factor)
+    def made(factor: int, sign: int = 0) -> Trajectory | None:
+        finer = again(begun, factor, sign)
         return None if finer is None else finer.steps(factor * n, kept.finer(factor), progress)
 
-    return with_estimate(result, fine, " from the first start on")
+    shaken = None
+    if begun.shaken and not run.layers.seen:
+        shaken = partial(made, 1)
+    return with_estimate(result, made, " from the first start on", shaken)
 
 
 def _ahead(run: Run, end: float, want: Wanted) -> tuple[int, Wanted]:

@@ -235,6 +235,8 @@ class Run(ABC):
     layers: ThinLayers = ThinLayers()
     #: By what part its start and numbers are other where it is shaken, 0: it cannot be.
     shaken: ClassVar[float] = 0.0
+    #: Whether equations and kernels are solved to a tolerance, which `sharpen` takes down.
+    sharpens: bool = False
     #: How many times as long the steps are as those whose nodes see every layer.
     too_long: float = 0.0
     #: Steps a native call takes at most: how often progress shows and Ctrl-C is heard.
@@ -284,6 +286,12 @@ class Run(ABC):
         ``sign``: of what is added to the start.
         """
         self.state = self.state * (1 + sign * self.shaken)
+
+    def sharpen(self, factor: int) -> None:  # noqa: B027
+        """Solve equations, and fit kernels, as much better as steps are shorter by the factor.
+
+        Two runs that leave as much of them differ by none of it.
+        """
 
     def adopt(self, earlier: Run) -> None:
         """Go on from the end of an earlier run, under the loads of this one."""
@@ -507,15 +515,18 @@ class Run(ABC):
             )
 
 
-def again(run: Run, factor: int) -> Run | None:
+def again(run: Run, factor: int, shaken: int = 0) -> Run | None:
     """The same run from its first start, in steps shorter by a factor; None: it stopped before.
 
-    It remembers what its steps to come will need.
+    It remembers what its steps to come will need. ``shaken``: the sign of a shake, 0: none.
     """
     assert run.maker is not None
     latest: Run | None = None
     for maker, done in (*run.parts, (run.maker, run.done)):
         part = maker(run.h / factor)
+        part.sharpen(factor)
+        if shaken:
+            part.shake(shaken)
         if latest is not None:
             part.adopt(latest)
         part.prepare(run, factor)

@@ -118,7 +118,8 @@ def by_tolerance(
                 change = max(change, float(lost.max()))
             # What the error of a run in steps half as long is, by its difference from this one.
             lost = _off(ends_before, ends) / _GAIN_AT_KINKS
-        rounding = growth.along(ends_before, factor // 2, ends, change, agreed=agreed)
+        rounding, risen = growth.along(ends_before, factor // 2, ends, change, agreed=agreed)
+        change = max(change, risen)
         if rounding is not None:
             change = max(change, float(rounding.max()))
             if (rounding > most).any():

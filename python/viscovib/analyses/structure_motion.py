@@ -336,12 +336,28 @@ class StructureRun(MountRun):
 
     def __init__(self, motion: StructureMotion, tolerance: float, h: float) -> None:
         super().__init__(motion, tolerance, h, motion.first_kept)
+        #: Of the motion; where numbers are other, of it so.
+        self.modal = motion.modal
         #: Jump of the base, and of its velocity, where other loads begin.
         self.kick = np.zeros(2)
         if motion.follows.any():
             # Where coordinates without mass are at first, the core tells.
             part = self._call(0, 1, 1, np.zeros(0), 0)[0]
             self.state = np.asarray(part.last)
+
+    def shake(self, sign: int) -> None:
+        """The same: forces of loads and elements have other values, by 1 + 2 s."""
+        super().shake(sign)
+        begun, pushed = 1 + sign * self.shaken, 1 + 2 * self.shaken
+        modal = self.modal
+        self.modal = (
+            modal
+            | {name: begun * modal[name] for name in ("start", "start_rates", "start_others")}
+            | {
+                name: pushed * modal[name]
+                for name in ("pushed", "patterns", "waves", "right", "sine", "cosine")
+            }
+        )
 
     def steps(self, n: int, want: Wanted, progress: bool) -> Trajectory:
         """Make n steps."""
@@ -350,6 +366,7 @@ class StructureRun(MountRun):
             return run
         structure, places = self.motion.mount, self.motion.places
         own = 2 * places.size
+        run._resume.looks = [one[:own] for one in run._resume.looks]
         given = {name: getattr(run, name) for name in Trajectory.__dataclass_fields__}
         state, events = given.pop("state"), given.pop("events")
         return StructureTrajectory(
@@ -407,7 +424,7 @@ class StructureRun(MountRun):
         memory = np.zeros(n_memory)
         if self.memory is not None:
             memory[: self.memory.size] = self.memory
-        given = motion.modal | {
+        given = self.modal | {
             "breaks": motion.breaks, "pieces": motion.pieces,
             "base_breaks": motion.base_breaks, "base_pieces": motion.base_pieces,
             "s": NODES[self.method], "past": PASTS.index(self.past) + 1, "held": motion.held,

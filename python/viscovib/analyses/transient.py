@@ -275,6 +275,7 @@ def simulate(
             first.layers.seen = True
         else:
             steps, _ = prepared(_SHARPER)
+            shaken = steps.shaken(n) if first.shaken else None
         run = by_tolerance(steps.of(n), n, accuracy, dense=free, inside=inside, shaken=shaken)
         return _heard(run)
     return _heard(_with_step(steps, end, _native.number("dt", dt, " or 'auto'"), estimated))
@@ -414,10 +415,10 @@ class _Steps:
         if looking and (self.want.keep != "all" or self.want.times is not None):
             looks = max(_BETWEEN, (n if mesh is None else mesh.count) // _LOOKS)
 
-        def begun(h: float) -> Run:
+        def begun(h: float, factor: int) -> Run:
             made = self.make(h)
-            if shaken:
-                made.shake(shaken)
+            if shaken or (factor > 1 and made.sharpens):
+                made = _changed(made, self.make, factor, shaken)
             return made
 
         def run(factor: int, parts: int) -> Trajectory:
@@ -425,7 +426,7 @@ class _Steps:
                 finer, kept = mesh.finer(factor), on_mesh
                 if parts > 1:
                     kept = self.want.at(mesh.all_times(parts))
-                made = begun(finer.h).on(finer)
+                made = begun(finer.h, factor).on(finer)
                 made.look_every = looks * factor
                 return made.steps(finer.count, kept, self.progress)
             steps = n * factor
@@ -433,7 +434,7 @@ class _Steps:
                 kept = self.want.at(np.linspace(0.0, self.end, n * parts + 1))
             else:
                 kept = self.want.finer(factor // parts)
-            made = begun(self.end / steps)
+            made = begun(self.end / steps, factor)
             made.look_every = looks * factor
             return made.steps(steps, kept, self.progress)
 
@@ -442,6 +443,18 @@ class _Steps:
     def shaken(self, n: int, equal: int | None = None) -> Callable[[int, int, int], Trajectory]:
         """The same, of runs that are shaken; the last number is the sign of it."""
         return lambda factor, parts, sign: self.of(n, equal, sign)(factor, parts)
+
+
+def _changed(run: Run, make: Maker, factor: int, sign: int) -> Run:
+    """A run that ``make`` made, as exact as its steps are short, and shaken where there is a sign.
+
+    It knows that it is, as some are made again.
+    """
+    run.sharpen(factor)
+    if sign:
+        run.shake(sign)
+    run.maker = lambda h: _changed(make(h), make, factor, sign)
+    return run
 
 
 def _with_step(steps: _Steps, end: float, step: float, estimated: bool) -> Trajectory:

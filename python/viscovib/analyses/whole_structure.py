@@ -204,13 +204,18 @@ class WholeRun(PolynomialRun):
     """A run of a structure by its whole equations."""
 
     power: ClassVar[Any] = None
-    #: A start on a rigid stop must stay there.
-    shaken = 0.0
 
     def __init__(self, structure: Structure, places: _Places, like: PolynomialRun) -> None:
         super().__init__(like.system, like.method, like.state, like.h, like.solved, like.job)
         self.places = places
         self.system = structure  # type: ignore[assignment]
+
+    def shake(self, sign: int) -> None:
+        """As of other systems, but a start on a rigid stop must stay there."""
+        places = self.state[::2]
+        super().shake(sign)
+        if self._n_stops:
+            self.state[::2] = places
 
     @property
     def has_layers(self) -> bool:

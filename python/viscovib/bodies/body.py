@@ -242,6 +242,10 @@ class Body(LinearBody):
     def _flat(self) -> FloatArray:
         return self._turning_vector if self._turns else self._vector
 
+    @property
+    def _masses(self) -> slice:
+        return slice(7, 7 + len(self.dof_names) ** 2) if self._turns else super()._masses
+
     @cached_property
     def _turning_vector(self) -> FloatArray:
         return turning_vector(

@@ -164,6 +164,11 @@ class Mount:
         )
 
     @property
+    def _masses(self) -> slice:
+        """Places of masses in this vector."""
+        return slice(0, 2)
+
+    @property
     def _kernels(self) -> tuple[int, FloatArray, int, FloatArray]:
         nothing = np.zeros(1)
         in_x = self.kernel

@@ -418,6 +418,11 @@ class PolynomialSystem:
         """The vector that the core takes."""
         return self._vector
 
+    @property
+    def _masses(self) -> slice:
+        """Places of masses in this vector."""
+        return slice(5, 5 + len(self.dof_names) ** 2)
+
     @cached_property
     def _vector(self) -> FloatArray:
         n = len(self.dof_names)

@@ -1,0 +1,71 @@
+"""Loads of motions with memory: sinusoids, and the inertia of what is relative to a moving base."""
+
+import numpy as np
+
+from viscovib import _native
+from viscovib._native import ComplexArray, FloatArray
+from viscovib.errors import InputError
+from viscovib.systems.load import LoadLike, oscillator_series
+from viscovib.systems.oscillators import Oscillator
+
+
+def sinusoids(
+    mount: Oscillator, load: LoadLike | None, nu: float | None, base: LoadLike | None
+) -> tuple[FloatArray, ComplexArray, ComplexArray]:
+    """Return frequencies, amplitudes of the load, shape (n_dof, m), and of the base.
+
+    Of the motion of the base its acceleration acts, on coordinates relative to it.
+    """
+    n = len(mount.dof_names)
+    if load is None and base is None:
+        if nu is not None:
+            raise InputError("nu: must not be given without load or base")
+        nothing = np.zeros((n, 1), dtype=complex, order="F")
+        return np.zeros(1), nothing, nothing[:1]
+    orders, series = oscillator_series(mount, load, base)
+    apart = orders < 0
+    orders = np.where(apart, -1 - orders, orders)
+    frequency = 0.0 if nu is None else _native.number("nu", nu)
+    if frequency < 0 or (frequency == 0 and (orders > 0).any() and series.any()):
+        given = "None" if nu is None else f"{frequency:g}"
+        raise InputError(f"nu = {given}: must be greater than 0 with a load of order 1 or more")
+    frequencies = np.asarray(orders * frequency, dtype=np.float64)
+    amplitudes = np.array(np.where(apart, 0.0, series[:n]), order="F")
+    direction = mount._base_direction
+    moved = np.where(apart, series[:n], 0.0)
+    if direction is not None:
+        amplitudes += np.outer(mount._mass_matrix @ direction, frequencies**2 * series[n])
+    if apart.any():
+        amplitudes += mount._mass_matrix @ (frequencies**2 * moved)
+    if direction is not None:
+        moved += np.outer(direction, series[n])
+    space = getattr(mount, "_space", None)
+    if space is not None:
+        amplitudes -= space[0] @ (1j * frequencies * moved) + space[1] @ moved
+    waves = moved if apart.any() else series[n:]
+    return frequencies, amplitudes, np.asfortranarray(waves)
+
+
+def inertia_of(mount: Oscillator, times: FloatArray, cubics: FloatArray) -> FloatArray:
+    """Loads of a base that moves the coordinates by cubics (4, n, m), shape (n, 4, m).
+
+    -M y'' - C_s y' - K_s y of what is relative to it; where the last does not end with the table, a
+    piece before it and one behind, for ever, shape (n, 4, m + 2).
+    """
+    a, mass = cubics[:, :, :-1], mount._mass_matrix
+    load = np.zeros((mass.shape[0], 4, times.size), order="F")
+    load[:, 2, :-1] = -6 * (mass @ a[0])
+    load[:, 3, :-1] = -2 * (mass @ a[1])
+    space = getattr(mount, "_space", None)
+    if space is None:
+        return load
+    damping, stiffness = space
+    for p in range(4):
+        load[:, p, :-1] -= stiffness @ a[p]
+        if p:
+            load[:, p, :-1] -= (4 - p) * (damping @ a[p - 1])
+    ever = np.zeros((mass.shape[0], 4, times.size + 2), order="F")
+    ever[:, :, 1:-2] = load[:, :, :-1]
+    ever[:, 3, 0] = -stiffness @ cubics[3, :, 0]
+    ever[:, 3, -2] = -stiffness @ cubics[3, :, -1]
+    return ever if stiffness.any() else load
