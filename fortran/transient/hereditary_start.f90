@@ -19,6 +19,7 @@ module viscovib_hereditary_start
   use viscovib_kinds, only: wp
   use viscovib_oscillator, only: oscillator_type
   use viscovib_quadrature, only: lagrange, lagrange_factors
+  use viscovib_step_equations, only: out_of_reach
   use viscovib_time_load, only: time_load_type
   implicit none
   private
@@ -319,7 +320,7 @@ contains
       end do
       change = maxval(abs(new - a))
       a = new
-      if (.not. change <= huge(1.0_wp)) return
+      if (.not. change <= out_of_reach) return
       made = change <= 4.0_wp*epsilon(1.0_wp)*maxval(abs(a)) &
              .or. (change >= 0.5_wp*before .and. change <= 1.0e-12_wp*maxval(abs(a)))
       if (made) exit

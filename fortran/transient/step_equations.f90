@@ -19,7 +19,7 @@ module viscovib_step_equations
 
   integer, parameter :: max_iterations = 50
   !> A correction whose cubes may pass the range of numbers: iterations go on to no motion there.
-  real(wp), parameter :: out_of_reach = 1.0e75_wp
+  real(wp), parameter, public :: out_of_reach = 1.0e75_wp
   !> Contraction beyond which Newton's method takes over, and turns before it is judged.
   real(wp), parameter :: slow = 0.25_wp
   integer, parameter :: patience = 2
