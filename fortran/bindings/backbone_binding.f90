@@ -41,8 +41,8 @@ end subroutine oscillator_backbone_plan
 subroutine oscillator_backbone(flat, n_flat, kind_x, data_x, n_x, kind_phi, data_phi, n_phi, &
                                mode, dof, curve_packed, n_packed, harmonics, chosen, max_points, &
                                n_kept, n_dof, max_special, cancel, n_points, ended, &
-                               n_used, kept, nu, truncation, coefficients, n_folds, folds, &
-                               status)
+                               n_used, kept, nu, truncation, error, off, coefficients, n_folds, &
+                               folds, fold_errors, status)
   use, intrinsic :: iso_c_binding, only: c_double, c_double_complex, c_int
   use viscovib_backbone, only: follow_backbone
   use viscovib_backbone_plan, only: backbone_plan_type, new_backbone_plan
@@ -60,6 +60,8 @@ subroutine oscillator_backbone(flat, n_flat, kind_x, data_x, n_x, kind_phi, data
   integer(c_int), intent(out) :: n_points, ended, n_used, kept(n_kept), n_folds, status
   !> Folds are amplitudes.
   real(c_double), intent(out) :: nu(max_points), truncation(max_points), folds(max_special)
+  !> What the last correction and rounding leave, at the value of what varies and off the curve.
+  real(c_double), intent(out) :: error(max_points), off(max_points), fold_errors(max_special)
   complex(c_double_complex), intent(out) :: coefficients(n_kept, n_dof, max_points)
   !f2py threadsafe
   ! Room for all points is not zeroed: that would take seconds, deaf to Ctrl-C.
@@ -88,6 +90,8 @@ subroutine oscillator_backbone(flat, n_flat, kind_x, data_x, n_x, kind_phi, data
     ended = backbone%outcome
     nu(:n_points) = backbone%x(n_used*n_dof + 1, :n_points)
     truncation(:n_points) = backbone%truncation(:n_points)
+    error(:n_points) = backbone%error(:n_points)
+    off(:n_points) = backbone%off(:n_points)
     do d = 1, n_dof
       from = n_used*(d - 1)
       coefficients(:n_used, d, :n_points) = cmplx(0.0_c_double, &
@@ -96,6 +100,7 @@ subroutine oscillator_backbone(flat, n_flat, kind_x, data_x, n_x, kind_phi, data
     end do
     n_folds = min(backbone%folds%n, max_special)
     folds(:n_folds) = backbone%folds%p(:n_folds)
+    fold_errors(:n_folds) = backbone%folds%error(:n_folds)
   end if
   call report(outcome, status)
 end subroutine oscillator_backbone
@@ -111,8 +116,8 @@ end subroutine oscillator_backbone
 subroutine pendulum_backbone(flat, n_pattern, pattern, unit, dof, order, harmonics, most, &
                              curve_packed, n_packed, max_points, stability, leave, n_begin, &
                              begin, begin_nu, begin_p, along, n_unknowns, max_special, cancel, &
-                             n_points, ended, highest, nu, energy, truncation, x, multipliers, &
-                             growing, n_folds, folds, n_branch_points, branch_points, &
+                             n_points, ended, highest, nu, energy, truncation, error, off, x, &
+                             multipliers, growing, n_folds, folds, fold_errors, n_branch_points, branch_points, &
                              branch_point_nu, branch_point_x, across, before, status)
   use, intrinsic :: iso_c_binding, only: c_double, c_double_complex, c_int
   use viscovib_binding_tools, only: make_pendulum, report
@@ -133,8 +138,11 @@ subroutine pendulum_backbone(flat, n_pattern, pattern, unit, dof, order, harmoni
   !> Order of the mode's frequency that was kept.
   integer(c_int), intent(out) :: highest
   real(c_double), intent(out) :: nu(max_points), energy(max_points), truncation(max_points)
+  !> What the last correction and rounding leave, at the value of what varies and off the curve.
+  real(c_double), intent(out) :: error(max_points), off(max_points)
   !> Cosines: of 3 (most order + 1) those to the order kept come first.
-  real(c_double), intent(out) :: x(n_unknowns, max_points), folds(max_special)
+  real(c_double), intent(out) :: x(n_unknowns, max_points)
+  real(c_double), intent(out) :: folds(max_special), fold_errors(max_special)
   !> Largest first, NaN where unknown; how many are outside the circle, -1: unknown.
   complex(c_double_complex), intent(out) :: multipliers(6, max_points)
   integer(c_int), intent(out) :: growing(max_points)
@@ -181,6 +189,8 @@ subroutine pendulum_backbone(flat, n_pattern, pattern, unit, dof, order, harmoni
     nu(:n) = family%nu
     energy(:n) = family%energy
     truncation(:n) = family%truncation
+    error(:n) = family%error
+    off(:n) = family%off
     highest = family%highest
     m = size(family%x, 1)
     x(:m, :n) = family%x
@@ -190,6 +200,7 @@ subroutine pendulum_backbone(flat, n_pattern, pattern, unit, dof, order, harmoni
     end if
     n_folds = min(size(family%folds), max_special)
     folds(:n_folds) = family%folds(:n_folds)
+    fold_errors(:n_folds) = family%fold_errors(:n_folds)
     n = min(size(family%branch_p), max_special)
     n_branch_points = n
     branch_points(:n) = family%branch_p(:n)

@@ -82,25 +82,28 @@ subroutine pendulum_balance(flat, orders, n_axes, n_orders, kept, drive_orders, 
 end subroutine pendulum_balance
 
 !> Estimated truncation of the points (x, p) of a branch, the worst of them, found with orders
-!! to `bound`, and the bound (to `most`) that would bring it below the tolerance. Arguments as
-!! above.
+!! to `bound`, the bound (to `most`) that would bring it below the tolerance, and how far orders
+!! left out move its first n_folds folds, of which `fold_before` are the points before, from 1.
+!! Arguments as above.
 subroutine pendulum_truncation(flat, orders, n_axes, n_orders, kept, drive_orders, omega, &
-                               amplitude, vary, which, p, n_p, x, n_unknowns, tolerance, bound, &
-                               step, most, cancel, truncation, next, status)
+                               amplitude, vary, which, p, n_p, x, n_unknowns, n_folds, fold_p, &
+                               n_room, fold_x, fold_before, tolerance, bound, step, most, cancel, &
+                               truncation, next, moved, status)
   use, intrinsic :: iso_c_binding, only: c_double, c_int
   use viscovib_binding_tools, only: make_pendulum, report
   use viscovib_order_rules, only: better_bound
   use viscovib_pendulum, only: pendulum_type
   use viscovib_status, only: status_type
-  use viscovib_torus_orders, only: branch_truncation, new_ladder, torus_ladder
+  use viscovib_torus_orders, only: branch_truncation, fold_truncation, new_ladder, torus_ladder
   implicit none
   integer(c_int), intent(in) :: n_axes, n_orders, n_p, n_unknowns, bound, step, most
+  integer(c_int), intent(in) :: n_folds, n_room, fold_before(n_room)
   integer(c_int), intent(in) :: orders(n_axes, n_orders), drive_orders(n_axes, 3), vary, which
   integer(c_int), intent(in) :: kept(n_orders, 3)
   real(c_double), intent(in) :: flat(14), omega(n_axes), amplitude(3), p(n_p), tolerance
-  real(c_double), intent(in) :: x(n_unknowns, n_p)
+  real(c_double), intent(in) :: x(n_unknowns, n_p), fold_p(n_room), fold_x(n_unknowns, n_room)
   integer(c_int), intent(inout) :: cancel(1)
-  real(c_double), intent(out) :: truncation
+  real(c_double), intent(out) :: truncation, moved(n_room)
   integer(c_int), intent(out) :: next, status
   !f2py threadsafe
   type(pendulum_type), target :: system
@@ -108,6 +111,7 @@ subroutine pendulum_truncation(flat, orders, n_axes, n_orders, kept, drive_order
   type(status_type) :: problem
 
   truncation = 0.0_c_double
+  moved = 0.0_c_double
   next = bound
   call make_pendulum(system, flat, problem)
   if (.not. problem%failed()) then
@@ -115,6 +119,10 @@ subroutine pendulum_truncation(flat, orders, n_axes, n_orders, kept, drive_order
                     which, bound, bound, step)
     call branch_truncation(ladder, p, x, tolerance, truncation, problem, cancel(1))
     if (truncation > tolerance) next = better_bound(bound, truncation, tolerance, step, most)
+    if (.not. problem%failed()) then
+      call fold_truncation(ladder, p, x, fold_p(:n_folds), fold_x(:, :n_folds), &
+                           fold_before(:n_folds), moved(:n_folds), problem, cancel(1))
+    end if
   end if
   call report(problem, status)
 end subroutine pendulum_truncation
@@ -125,8 +133,9 @@ end subroutine pendulum_truncation
 subroutine pendulum_branch(flat, orders, n_axes, n_orders, kept, drive_orders, omega, &
                            amplitude, vary, which, curve_packed, n_packed, max_points, &
                            duration, leave, begin, begin_p, along, n_unknowns, max_special, &
-                           cancel, n_points, ended, p, iterations, x, is_stop, multipliers, &
-                           growing, rates, rates_off, n_folds, folds, fold_x, n_branch_points, &
+                           cancel, n_points, ended, p, iterations, error, off, x, is_stop, &
+                           multipliers, growing, rates, rates_off, n_folds, folds, fold_errors, &
+                           fold_before, fold_x, n_branch_points, &
                            branch_points, branch_point_x, across, branch_before, n_crossings, &
                            kinds, before, crossings, crossing_x, status)
   use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
@@ -159,10 +168,14 @@ subroutine pendulum_branch(flat, orders, n_axes, n_orders, kept, drive_orders, o
   !> 1 where a point lies at one of the stops.
   integer(c_int), intent(out) :: is_stop(max_points)
   real(c_double), intent(out) :: p(max_points), x(n_unknowns, max_points)
+  !> What the last correction and rounding leave, at the value of p and off the curve.
+  real(c_double), intent(out) :: error(max_points), off(max_points)
   complex(c_double_complex), intent(out) :: multipliers(6, max_points)
   integer(c_int), intent(out) :: growing(max_points)
   real(c_double), intent(out) :: rates(6, max_points), rates_off(6, max_points)
-  real(c_double), intent(out) :: folds(max_special)
+  !> Errors of folds are those of rounding; points before them from 1.
+  real(c_double), intent(out) :: folds(max_special), fold_errors(max_special)
+  integer(c_int), intent(out) :: fold_before(max_special)
   real(c_double), intent(out) :: fold_x(n_unknowns, max_special), branch_points(max_special)
   real(c_double), intent(out) :: branch_point_x(n_unknowns, max_special)
   real(c_double), intent(out) :: across(n_unknowns + 1, max_special)
@@ -200,6 +213,10 @@ subroutine pendulum_branch(flat, orders, n_axes, n_orders, kept, drive_orders, o
   rates_off = 0.0_c_double
   n_crossings = 0
   folds = 0.0_c_double
+  fold_errors = 0.0_c_double
+  fold_before = 0
+  error = 0.0_c_double
+  off = 0.0_c_double
   fold_x = 0.0_c_double
   branch_points = 0.0_c_double
   branch_point_x = 0.0_c_double
@@ -230,10 +247,14 @@ subroutine pendulum_branch(flat, orders, n_axes, n_orders, kept, drive_orders, o
       ended = branch%outcome
       p(:n_points) = branch%parameter(:n_points)
       iterations(:n_points) = branch%iterations(:n_points)
+      error(:n_points) = branch%error(:n_points)
+      off(:n_points) = branch%off(:n_points)
       is_stop(branch%stops) = 1
       call expand(branch%x, n_points, x)
       n_folds = min(branch%folds%n, max_special)
       folds(:n_folds) = branch%folds%p(:n_folds)
+      fold_errors(:n_folds) = branch%folds%error(:n_folds)
+      fold_before(:n_folds) = branch%folds%before(:n_folds)
       call expand(branch%folds%x, n_folds, fold_x)
       n_branch_points = min(branch%branch_points%n, max_special)
       branch_points(:n_branch_points) = branch%branch_points%p(:n_branch_points)

@@ -25,10 +25,14 @@ module viscovib_curve
     integer, allocatable :: last_of_group(:)
     !> Groups smaller than this part of all are not looked at alone.
     real(wp) :: negligible = negligible_at_least
+    !> An unknown without a weight whose relative error counts as that of the others does, such as
+    !! a frequency; 0: none.
+    integer :: alone = 0
     real(wp), allocatable, private :: work(:, :), slope(:)
   contains
     procedure(equations_interface), deferred :: equations
     procedure :: residual
+    procedure(terms_interface), deferred :: raise_terms
   end type curve_type
 
   abstract interface
@@ -47,6 +51,16 @@ module viscovib_curve
       !> False, and nothing computed, where the equations describe nothing.
       logical, intent(out) :: inside
     end subroutine equations_interface
+
+    !> Raise the size of the largest term of each equation, by which it rounds, to that of terms
+    !! that derivatives do not show, for they cancel there or round elsewhere.
+    subroutine terms_interface(self, x, p, terms)
+      import :: curve_type, wp
+      class(curve_type), intent(in) :: self
+      real(wp), intent(in) :: x(:), p
+      !> Shape (n).
+      real(wp), intent(inout) :: terms(:)
+    end subroutine terms_interface
 
   end interface
 

@@ -94,6 +94,7 @@ contains
     allocate (corrector%terms(n), corrector%last(n + 1), source=0.0_wp)
     allocate (corrector%weights(n), source=1.0_wp)
     if (allocated(curve%weights)) corrector%weights = curve%weights
+    corrector%alone = curve%alone
     allocate (corrector%sizes(n + 1), corrector%largest_of(n + 1), source=1.0_wp)
     corrector%tolerance = tolerance
     if (present(absolute)) then

@@ -39,6 +39,8 @@ module viscovib_curve_point
   type :: curve_metric
     real(wp), allocatable :: weights(:)
     real(wp) :: p_scale = 1.0_wp, largest = 0.0_wp
+    !> An unknown that counts beside them by its own relative error; 0: none.
+    integer :: alone = 0
   end type curve_metric
 
 contains
@@ -149,7 +151,11 @@ contains
       moved = moved + c%weights(i)*(off(i) - point%slope_x(i)*along)**2
       total = total + c%weights(i)*point%x(i)**2
     end do
-    moved = merge(min(1.0_wp, sqrt(moved/max(total, tiny(total)))), 0.0_wp, moved > 0.0_wp)
+    moved = merge(sqrt(moved/max(total, tiny(total))), 0.0_wp, moved > 0.0_wp)
+    if (c%alone > 0) then
+      moved = max(moved, abs((off(c%alone) - point%slope_x(c%alone)*along)/point%x(c%alone)))
+    end if
+    moved = min(1.0_wp, moved)
   end function off_at_value
 
 end module viscovib_curve_point

@@ -97,14 +97,21 @@ contains
       self%kept(self%n_points) = size(point%x)
       self%truncation(self%n_points) = point%truncation
       self%missed(self%n_points) = point%missed
-      ! Not known at the first point off another branch, which has that of the next.
-      if (self%n_points == 2 .and. .not. self%truncation(1) > 0.0_wp) then
-        self%truncation(1) = point%truncation
-        self%missed(1) = point%missed
-      end if
     end if
+    if (self%n_points == 2) call take_from_next(self)
     if (stop) self%stops = [self%stops, self%n_points]
   end subroutine add
+
+  !> What is not known at the first point off another branch is that of the next.
+  pure subroutine take_from_next(branch)
+    type(curve_branch_type), intent(inout) :: branch
+    if (.not. branch%error(1) > 0.0_wp) branch%error(1) = branch%error(2)
+    if (.not. branch%off(1) > 0.0_wp) branch%off(1) = branch%off(2)
+    if (.not. allocated(branch%truncation)) return
+    if (branch%truncation(1) > 0.0_wp) return
+    branch%truncation(1) = branch%truncation(2)
+    branch%missed(1) = branch%missed(2)
+  end subroutine take_from_next
 
   !> Beside a fold, p - p_fold = a s^2 with s how far x is from it: a fold moved by e has, at the
   !! same p, the motion at s sqrt(1 - e/|p - p_fold|). Where it may be moved past a point, there may

@@ -77,10 +77,7 @@ contains
     integer :: i, k
 
     terms = c%terms
-    select type (curve)
-    class is (sized_curve_type)
-      call curve%raise_terms(point%x, point%p, terms)
-    end select
+    call curve%raise_terms(point%x, point%p, terms)
     call metric(c, point, weight_x, weight_p)
     error = 0.0_wp
     off = 0.0_wp
@@ -93,6 +90,7 @@ contains
       error = max(error, off_at_value(c, point, moved))
       off = max(off, sqrt(weight_x*sum(c%weights*moved(:curve%n)**2) &
                           + weight_p*moved(curve%n + 1)**2))
+      if (c%alone > 0) off = max(off, abs(moved(c%alone)/point%x(c%alone)))
       if (present(in_p)) in_p = max(in_p, abs(moved(curve%n + 1)))
     end do
   end subroutine least_error

@@ -18,7 +18,6 @@ module viscovib_sized_curve
     procedure(left_out_interface), deferred :: left_out
     procedure(choose_interface), deferred :: choose_size
     procedure(resize_interface), deferred :: resize
-    procedure(terms_interface), deferred :: raise_terms
   end type sized_curve_type
 
   abstract interface
@@ -55,16 +54,6 @@ module viscovib_sized_curve
       import :: sized_curve_type
       class(sized_curve_type), intent(inout) :: self
     end subroutine resize_interface
-
-    !> Raise the size of the largest term of each equation, by which it rounds, to that of terms
-    !! that derivatives do not show, for they cancel there or round elsewhere.
-    subroutine terms_interface(self, x, p, terms)
-      import :: sized_curve_type, wp
-      class(sized_curve_type), intent(in) :: self
-      real(wp), intent(in) :: x(:), p
-      !> Shape (n).
-      real(wp), intent(inout) :: terms(:)
-    end subroutine terms_interface
 
   end interface
 

@@ -5,7 +5,7 @@ module viscovib_backbone_job
   use viscovib_backbone_plan, only: backbone_plan_type, new_backbone_plan
   use viscovib_counters, only: count_up, counted_columns, counting
   use viscovib_curve_branch, only: curve_branch_type, curve_completed, curve_options, curve_outcomes
-  use viscovib_curve_columns, only: add_stability, stability_note
+  use viscovib_curve_columns, only: add_stability, note_folds, stability_note
   use viscovib_free_family, only: follow_family, free_circle, free_family_type, free_options
   use viscovib_free_orders, only: chosen_text, first_chosen, most_chosen
   use viscovib_free_structure, only: free_structure
@@ -114,7 +114,7 @@ contains
     type(table_type) :: table
     type(subject_type), target :: free
     character(len=:), allocatable :: name
-    integer :: dof, i, short
+    integer :: blurred, dof, i, short
 
     if (subject%is_pendulum) then
       call run_free(self, subject%pendulum, families, status)
@@ -143,10 +143,19 @@ contains
       if (subject%is_pendulum) report%summary = report%summary//', ' &
                                                 //things(size(first%branch_p), 'branch point')
     end associate
-    short = sum([(count(families(i)%truncation > self%options%tolerance), i=1, size(families))])
+    short = 0
+    blurred = 0
+    do i = 1, size(families)
+      associate (tolerance => self%options%tolerance, off => families(i)%off)
+        short = short + count(families(i)%truncation > max(tolerance, off))
+        blurred = blurred + count(off > tolerance)
+      end associate
+    end do
     report%complete = report%complete .and. short == 0
     if (short > 0) report%summary = report%summary//', '//things(short, 'point') &
                                     //' with too few harmonics'
+    if (blurred > 0) report%summary = report%summary//', '//things(blurred, 'point') &
+                                      //' of which rounding leaves more than the tolerance'
     if (size(families) > 1) report%summary = report%summary//'; tables of ' &
                                              //show(size(families) - 1)//' more'
   end subroutine run
@@ -189,10 +198,13 @@ contains
       family%outcome = branch%outcome
       family%parameter = branch%parameter(:n)
       family%truncation = branch%truncation(:n)
+      family%error = branch%error(:n)
+      family%off = branch%off(:n)
       family%nu = branch%x(m + 1, :n)
       family%x = branch%x(:m, :n)
     end associate
     family%folds = branch%folds%p(:branch%folds%n)
+    family%fold_errors = branch%folds%error(:branch%folds%n)
     allocate (family%branch_p(0))
     call check_begun(family, job, status)
   end subroutine run_backbone
@@ -292,8 +304,8 @@ contains
 
     if (counting) call count_up(counted_columns, size(self%wanted))
     varies = trim(backbone_parameters(self%parameter))
-    call table%note('backbone '//trim(curve_outcomes(family%outcome))//'; folds at '//varies &
-                    //' ='//listed(family%folds))
+    call note_folds(table, 'backbone', curve_outcomes(family%outcome), varies, family%folds, &
+                    family%fold_errors)
     if (size(family%branch_p) > 0) then
       call table%note('branch points at '//varies//' ='//listed(family%branch_p))
     end if
@@ -306,9 +318,10 @@ contains
                                   i=1, size(family%nu))], family%multipliers(1, :))
     end if
     call table%note(note//'; truncation: estimated relative error of leaving out higher ' &
-                    //'orders; u = sum_k a_k cos(k nu t); ' &
+                    //'orders; error: of the last correction and rounding; u = sum_k a_k cos(k nu t); ' &
                     //listed_units(subject%coordinates(self%wanted), subject%units(self%wanted)))
     call table%add_reals('truncation', family%truncation)
+    call table%add_reals('error', family%error)
     n = size(family%nu)
     associate (orders => family%orders)
       k = size(orders)

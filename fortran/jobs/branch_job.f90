@@ -4,7 +4,7 @@ module viscovib_branch_job
   use viscovib_counters, only: count_up, counted_columns, counting
   use viscovib_crossings, only: crossing_type, find_crossings
   use viscovib_curve_branch, only: curve_branch_type, curve_completed, curve_options, curve_outcomes
-  use viscovib_curve_columns, only: add_stability, note_crossings, stability_note
+  use viscovib_curve_columns, only: add_stability, note_crossings, note_folds, stability_note
   use viscovib_extra_columns, only: extra_columns
   use viscovib_family_curve, only: judge_systems, new_family_curve, new_plain_curve, system_builder
   use viscovib_harmonic_set, only: harmonic_set_type
@@ -23,7 +23,7 @@ module viscovib_branch_job
   use viscovib_response_plan, only: method_newton, new_response_plan, response_plan_type
   use viscovib_status, only: fail, show, status_input_error, status_type, things
   use viscovib_subject, only: subject_type
-  use viscovib_table, only: listed, listed_units, table_type
+  use viscovib_table, only: listed_units, table_type
   use viscovib_truncated_stability, only: doubt_curve
   implicit none
   private
@@ -310,10 +310,8 @@ contains
 
     if (counting) call count_up(counted_columns, size(names))
     n = branch%n_points
-    call table%note('branch '//trim(curve_outcomes(branch%outcome))//'; folds at '//varies//' =' &
-                    //listed(branch%folds%p(:branch%folds%n)))
-    if (branch%folds%n > 0) call table%note('estimated errors of these folds:' &
-                                            //listed(branch%folds%error(:branch%folds%n)))
+    call note_folds(table, 'branch', curve_outcomes(branch%outcome), varies, &
+                    branch%folds%p(:branch%folds%n), branch%folds%error(:branch%folds%n))
     call note_crossings(table, crossings, varies)
     call table%add_reals(varies, branch%parameter(:n))
     note = 'nu: circular frequency of the load (rad/s); u = Im sum_k X_k exp(i k nu t)'

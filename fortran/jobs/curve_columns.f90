@@ -5,11 +5,11 @@ module viscovib_curve_columns
   use viscovib_number_text, only: exact
   use viscovib_polar, only: modulus
   use viscovib_status, only: show
-  use viscovib_table, only: table_type
+  use viscovib_table, only: listed, table_type
   implicit none
   private
 
-  public :: add_stability, note_crossings
+  public :: add_stability, note_crossings, note_folds
 
   !> What the columns about stability are.
   character(len=*), parameter, public :: &
@@ -18,6 +18,16 @@ module viscovib_curve_columns
                      //'too large for a number'
 
 contains
+
+  !> How a curve ended, where it turns back, and how far off these places are.
+  subroutine note_folds(table, curve, outcome, varies, folds, errors)
+    type(table_type), intent(inout) :: table
+    !> What the curve is, how it ended, what varies along it.
+    character(len=*), intent(in) :: curve, outcome, varies
+    real(wp), intent(in) :: folds(:), errors(:)
+    call table%note(curve//' '//trim(outcome)//'; folds at '//varies//' ='//listed(folds))
+    if (size(folds) > 0) call table%note('estimated errors of these folds:'//listed(errors))
+  end subroutine note_folds
 
   !> A line for each change of stability.
   subroutine note_crossings(table, crossings, varies)

@@ -4,7 +4,7 @@ module viscovib_driven_job
   use viscovib_crossings, only: crossing_type
   use viscovib_curve_branch, only: curve_branch_type, curve_completed, curve_options, &
     curve_outcomes, follow_curve
-  use viscovib_curve_columns, only: add_stability, note_crossings, stability_note
+  use viscovib_curve_columns, only: add_stability, note_crossings, note_folds, stability_note
   use viscovib_drive_torus, only: drive_torus_type, judging_shells, kept_by_symmetry, &
     largest_bound, lattice, max_unknowns, n_drives, varied_names, varies_nu
   use viscovib_job, only: job_report, job_type, plan_unwanted, table_sink
@@ -22,7 +22,7 @@ module viscovib_driven_job
   use viscovib_torus, only: new_torus, torus_type
   use viscovib_torus_balance, only: new_torus_balance, torus_balance_type, vary_amplitude, &
     vary_frequency
-  use viscovib_torus_orders, only: branch_truncation, new_ladder, torus_ladder
+  use viscovib_torus_orders, only: branch_truncation, fold_truncation, new_ladder, torus_ladder
   use viscovib_torus_response, only: solve_from_rest
   implicit none
   private
@@ -63,7 +63,10 @@ module viscovib_driven_job
     !> Shape (n); base frequencies, shape (n_axes, n); unknowns, those left out as 0, shape
     !! (torus%n n_dof, n).
     real(wp), allocatable :: parameter(:), base(:, :), x(:, :)
-    real(wp), allocatable :: folds(:), branch_points(:)
+    !> What the last correction and rounding leave, at the value of the parameter and off the
+    !! curve, shape (n).
+    real(wp), allocatable :: error(:), off(:)
+    real(wp), allocatable :: folds(:), fold_errors(:), branch_points(:)
     !> Largest first, NaN where unknown, shape (6, n), and changes of stability; left without
     !! arrays where not wanted, or with several base frequencies.
     complex(wp), allocatable :: multipliers(:, :)
@@ -85,6 +88,7 @@ module viscovib_driven_job
     procedure :: begin
     procedure :: follow_first
     procedure :: judge
+    procedure :: in_full
     procedure :: keep
   end type tracing_type
 
@@ -145,7 +149,7 @@ contains
     type(driven_branch), allocatable :: branches(:)
     type(table_type) :: table
     character(len=:), allocatable :: name
-    integer :: i, short
+    integer :: blurred, i, short
 
     call trace(self, subject%pendulum, branches, status)
     if (status%failed()) return
@@ -167,6 +171,9 @@ contains
     if (short > 0) report%summary = report%summary//', '//show(short)//' of ' &
                                     //things(size(branches), 'branch', 'branches') &
                                     //' with too few harmonics'
+    blurred = sum([(count(branches(i)%off > self%options%tolerance), i=1, size(branches))])
+    if (blurred > 0) report%summary = report%summary//', '//things(blurred, 'point') &
+                                      //' of which rounding leaves more than the tolerance'
     if (size(branches) > 1) report%summary = report%summary//'; ' &
                                              //things(size(branches) - 1, 'branch that leaves it', &
                                                       'branches that leave it')
@@ -303,17 +310,17 @@ contains
     if (self%symmetric) kept = kept_by_symmetry(self%torus, orders, load, self%parameter)
   end function kept_of
 
-  !> What more orders would change, where that is most.
+  !> What more orders would change, where that is most; its folds are told how far they move.
   subroutine judge(self, job, branch, truncation, status)
     class(tracing_type), intent(in) :: self
     type(driven_job), intent(in) :: job
-    type(curve_branch_type), intent(in) :: branch
+    type(curve_branch_type), intent(inout) :: branch
     real(wp), intent(out) :: truncation
     type(status_type), intent(out) :: status
     type(torus_ladder) :: ladder
     integer, allocatable :: orders(:, :)
-    real(wp), allocatable :: x(:, :)
-    integer :: k, shells
+    real(wp) :: moved(branch%folds%n)
+    integer :: shells
 
     truncation = 0.0_wp
     shells = judging_shells(job%torus)
@@ -321,13 +328,27 @@ contains
     call new_ladder(ladder, self%system, orders, job%kept_of(orders, self%load), &
                     job%torus%orders, job%torus%base, self%load, self%balance%vary, &
                     self%balance%which, self%bound, self%bound, shells)
-    allocate (x(self%torus%n*3, branch%n_points))
-    do k = 1, branch%n_points
-      x(:, k) = reshape(self%balance%expanded(branch%x(:, k)), [self%torus%n*3])
-    end do
-    call branch_truncation(ladder, branch%parameter(:branch%n_points), x, &
-                           self%options%tolerance, truncation, status)
+    associate (n => branch%n_points, folds => branch%folds)
+      call branch_truncation(ladder, branch%parameter(:n), self%in_full(branch%x(:, :n)), &
+                             self%options%tolerance, truncation, status)
+      if (status%failed()) return
+      call fold_truncation(ladder, branch%parameter(:n), self%in_full(branch%x(:, :n)), &
+                           folds%p(:folds%n), self%in_full(folds%x(:, :folds%n)), &
+                           folds%before(:folds%n), moved, status)
+      folds%error(:folds%n) = folds%error(:folds%n) + moved
+    end associate
   end subroutine judge
+
+  !> Unknowns with those left out as 0, a column each.
+  pure function in_full(self, x) result(whole)
+    class(tracing_type), intent(in) :: self
+    real(wp), intent(in) :: x(:, :)
+    real(wp) :: whole(self%torus%n*3, size(x, 2))
+    integer :: k
+    do k = 1, size(x, 2)
+      whole(:, k) = reshape(self%balance%expanded(x(:self%balance%n, k)), [self%torus%n*3])
+    end do
+  end function in_full
 
   !> A branch in units of the parameter, with its stability.
   subroutine keep(self, job, from, to)
@@ -337,7 +358,7 @@ contains
     type(driven_branch), intent(out) :: to
     ! Its steps are those of the branch, whatever was computed before.
     type(orbit_floquet_type) :: floquet
-    integer :: k, n
+    integer :: n
 
     n = from%n_points
     to%outcome = from%outcome
@@ -345,11 +366,11 @@ contains
     to%parameter = from%parameter(:n)*self%unit
     to%base = spread(job%torus%base, 2, n)
     if (self%balance%vary == vary_frequency) to%base(self%balance%which, :) = from%parameter(:n)
-    allocate (to%x(self%torus%n*3, n))
-    do k = 1, n
-      to%x(:, k) = reshape(self%balance%expanded(from%x(:, k)), [self%torus%n*3])
-    end do
+    to%x = self%in_full(from%x(:, :n))
+    to%error = from%error(:n)
+    to%off = from%off(:n)
     to%folds = from%folds%p*self%unit
+    to%fold_errors = from%folds%error*self%unit
     to%branch_points = from%branch_points%p*self%unit
     if (.not. job%stability .or. job%torus%n_axes > 1) return
     allocate (to%multipliers(6, n))
@@ -374,8 +395,8 @@ contains
     allocate (orders, source=lattice(self%torus%n_axes, branch%harmonics))
     varies = trim(varied_names(self%parameter))
     n = size(branch%parameter)
-    call table%note('branch '//trim(curve_outcomes(branch%outcome))//'; folds at '//varies//' =' &
-                    //listed(branch%folds))
+    call note_folds(table, 'branch', curve_outcomes(branch%outcome), varies, branch%folds, &
+                    branch%fold_errors)
     call table%note('branch points at '//varies//' ='//listed(branch%branch_points))
     call table%add_reals(varies, branch%parameter)
     do i = 1, self%torus%n_axes
@@ -389,7 +410,9 @@ contains
                          branch%multipliers(1, :))
     end if
     call table%note(note//'; orders to '//show(branch%harmonics)//' leave an estimated relative ' &
-                    //'error of '//trim(exact(branch%truncation))//' at most')
+                    //'error of '//trim(exact(branch%truncation))//' at most; error: of the last correction ' &
+                    //'and rounding')
+    call table%add_reals('error', branch%error)
     do j = 1, size(self%wanted)
       d = self%wanted(j)
       i = (d - 1)*(2*size(orders, 2) - 1)

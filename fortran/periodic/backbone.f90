@@ -12,6 +12,7 @@ module viscovib_backbone
   use viscovib_curve, only: curve_type
   use viscovib_curve_branch, only: curve_branch_type, curve_completed, curve_options, follow_curve
   use viscovib_cycle_terms, only: has_kinks
+  use viscovib_equation_terms, only: raise_by_inertia
   use viscovib_free_orders, only: order_search
   use viscovib_harmonic_balance, only: balance_type, new_balance
   use viscovib_harmonic_set, only: harmonic_set_type, new_harmonic_set
@@ -43,6 +44,7 @@ module viscovib_backbone
   contains
     procedure :: equations
     procedure :: residual
+    procedure :: raise_terms
   end type backbone_curve
 
 contains
@@ -136,6 +138,7 @@ contains
     call new_balance(curve%balance, plan%system, set)
     curve%system => plan%system
     curve%n = curve%balance%n/2 + 1
+    curve%alone = curve%n
     curve%largest = plan%system%largest_amplitude()
     rows = size(set%orders)
     curve%place = (plan%dof - 1)*rows + cosine_of_first(set)
@@ -163,25 +166,33 @@ contains
     integer, intent(inout) :: cancel
     type(harmonic_set_type) :: larger
     type(backbone_curve) :: curve
-    real(wp), allocatable :: x(:, :)
     real(wp) :: inertia(size(plan%shape))
-    integer :: i, m, n
+    integer :: i, m
 
-    n = branch%n_points
     m = size(branch%x, 1) - 1
     inertia = [(plan%system%mass(i, i), i=1, size(inertia))]
-    do i = 1, n
+    do i = 1, branch%n_points
       call search%look_at(set%orders, reshape(branch%x(:m, i), [size(set%orders), &
                                                                 size(plan%shape)]), inertia)
     end do
     call new_harmonic_set(larger, search%judging_order(), set%half_wave, plan%system%degree)
     call new_backbone_curve(curve, plan, larger)
-    allocate (x(curve%n, n))
-    do i = 1, n
-      x(:curve%n - 1, i) = refitted(size(plan%shape), branch%x(:m, i), curve%n - 1)
-      x(curve%n, i) = branch%x(m + 1, i)
-    end do
-    call search%judge(curve, branch%parameter(:n), x, branch%truncation, again, cancel)
+    call search%judge(curve, enlarged(branch%x(:, :branch%n_points)), &
+                      enlarged(branch%folds%x(:, :branch%folds%n)), branch, again, cancel)
+
+  contains
+
+    !> Unknowns of the larger set.
+    pure function enlarged(x) result(y)
+      real(wp), intent(in) :: x(:, :)
+      real(wp), allocatable :: y(:, :)
+      integer :: k
+      allocate (y(curve%n, size(x, 2)))
+      do k = 1, size(x, 2)
+        y(:, k) = [refitted(size(plan%shape), x(:m, k), curve%n - 1), x(m + 1, k)]
+      end do
+    end function enlarged
+
   end subroutine judge
 
   subroutine residual(self, x, p, r, inside)
@@ -218,6 +229,15 @@ contains
     slope = 0.0_wp
     slope(n) = -1.0_wp
   end subroutine equations
+
+  subroutine raise_terms(self, x, p, terms)
+    class(backbone_curve), intent(in) :: self
+    real(wp), intent(in) :: x(:), p
+    real(wp), intent(inout) :: terms(:)
+    call raise_by_inertia(self%system%mass, self%balance%set%orders*x(self%n), &
+                          x(:self%n - 1), terms(:self%n - 1))
+    terms(self%n) = max(terms(self%n), abs(p))
+  end subroutine raise_terms
 
   !> Unknowns of the balance.
   pure function with_sines(cosines) result(x)

@@ -8,6 +8,7 @@ module viscovib_damped_start
   use viscovib_curve, only: curve_type
   use viscovib_curve_branch, only: curve_branch_type, curve_completed, curve_options, follow_curve
   use viscovib_curve_newton, only: solve_on_curve
+  use viscovib_equation_terms, only: raise_by_inertia
   use viscovib_harmonic_balance, only: balance_type
   use viscovib_kinds, only: wp
   use viscovib_oscillator, only: oscillator_type
@@ -30,6 +31,7 @@ module viscovib_damped_start
     real(wp) :: nu = 0.0_wp, rate = 0.0_wp
   contains
     procedure :: equations
+    procedure :: raise_terms
   end type damped_curve_type
 
 contains
@@ -119,5 +121,25 @@ contains
     end subroutine put
 
   end subroutine equations
+
+  !> Of inertia, and of the damping added.
+  subroutine raise_terms(self, x, p, terms)
+    class(damped_curve_type), intent(in) :: self
+    real(wp), intent(in) :: x(:), p
+    real(wp), intent(inout) :: terms(:)
+    integer :: k
+    associate (orders => self%balance%set%orders)
+      call raise_by_inertia(self%system%mass, [(rate(orders((k + 1)/2)*self%nu), &
+                                                k=1, 2*size(orders))], x, terms)
+    end associate
+
+  contains
+
+    pure real(wp) function rate(w)
+      real(wp), intent(in) :: w
+      rate = sqrt(w*(w + (1.0_wp - p)*self%rate))
+    end function rate
+
+  end subroutine raise_terms
 
 end module viscovib_damped_start

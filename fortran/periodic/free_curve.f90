@@ -28,6 +28,7 @@ module viscovib_free_curve
   contains
     procedure :: equations
     procedure :: residual
+    procedure :: raise_terms
     procedure :: at_rest
     procedure :: frequency
     procedure :: energy
@@ -60,6 +61,7 @@ contains
     curve%motion%lowest = 0.0_wp
     curve%unit = unit
     curve%n = curve%motion%n + 1
+    curve%alone = curve%n
     curve%lowest = 0.0_wp
     ! The frequency has no part in lengths.
     allocate (curve%weights(curve%n), source=1.0_wp)
@@ -141,6 +143,16 @@ contains
     call self%size_of(x, value, force)
     r(n + 1) = value - p
   end subroutine residual
+
+  subroutine raise_terms(self, x, p, terms)
+    class(free_curve_type), intent(in) :: self
+    real(wp), intent(in) :: x(:), p
+    real(wp), intent(inout) :: terms(:)
+    associate (n => self%motion%n)
+      call self%motion%raise_to_inertia([self%frequency(x)], x(:n), terms(:n))
+    end associate
+    terms(self%n) = max(terms(self%n), abs(p))
+  end subroutine raise_terms
 
   !> Amplitude, or energy and its derivative at the beginning.
   pure subroutine size_of(self, x, value, force)

@@ -44,11 +44,15 @@ module viscovib_free_family
     integer :: highest = 0
     integer, allocatable :: orders(:)
     real(wp), allocatable :: truncation(:)
+    !> What the last correction and rounding leave of each point, at its value of what varies and
+    !! off the curve, shape (n).
+    real(wp), allocatable :: error(:), off(:)
     !> Shape (n), cosines (n_orders n_dof, n).
     real(wp), allocatable :: parameter(:), nu(:), energy(:), x(:, :)
     !> Largest first, NaN where unknown, shape (2 n_dof, n); none if not wanted.
     complex(wp), allocatable :: multipliers(:, :)
-    real(wp), allocatable :: folds(:)
+    !> Places of folds, and how far off they are.
+    real(wp), allocatable :: folds(:), fold_errors(:)
     !> Where others cross: parameter, frequency, cosines, direction in cosines, frequency
     !! and parameter, and the last point before.
     real(wp), allocatable :: branch_p(:), branch_nu(:), branch_x(:, :), across(:, :)
@@ -171,11 +175,9 @@ contains
     type(status_type), intent(out) :: status
     integer, intent(inout), optional :: cancel
     type(free_curve_type) :: larger
-    real(wp), allocatable :: x(:, :)
     integer, allocatable :: orders(:)
-    integer :: i, k, n
+    integer :: i, k
 
-    n = branch%n_points
     again = .false.
     ! Of a motion whose period is a multiple of the mode's an order may lie between.
     orders = [((k + options%order - 1)/options%order, k=0, search%highest*options%order)]
@@ -186,14 +188,23 @@ contains
     end do
     call new_curve_of(larger, system, options, search%judging_order()*options%order, status)
     if (status%failed()) return
-    allocate (x(larger%n, n))
-    do i = 1, n
-      associate (point => branch%x(:, i))
-        x(:, i) = unknowns_of(larger, refitted(system%n_dof, cosines_of(curve, point), &
-                                               larger%n_cosines()), point(curve%n))
-      end associate
-    end do
-    call search%judge(larger, branch%parameter(:n), x, branch%truncation, again, cancel)
+    call search%judge(larger, enlarged(branch%x(:, :branch%n_points)), &
+                      enlarged(branch%folds%x(:, :branch%folds%n)), branch, again, cancel)
+
+  contains
+
+    !> Unknowns of the larger set.
+    pure function enlarged(x) result(y)
+      real(wp), intent(in) :: x(:, :)
+      real(wp), allocatable :: y(:, :)
+      integer :: k
+      allocate (y(larger%n, size(x, 2)))
+      do k = 1, size(x, 2)
+        y(:, k) = unknowns_of(larger, refitted(system%n_dof, cosines_of(curve, x(:, k)), &
+                                               larger%n_cosines()), x(curve%n, k))
+      end do
+    end function enlarged
+
   end subroutine judge
 
   !> The family from its points, with Floquet multipliers.
@@ -213,7 +224,10 @@ contains
     family%outcome = branch%outcome
     family%parameter = branch%parameter(:n)
     family%truncation = branch%truncation(:n)
+    family%error = branch%error(:n)
+    family%off = branch%off(:n)
     family%folds = branch%folds%p(:branch%folds%n)
+    family%fold_errors = branch%folds%error(:branch%folds%n)
     allocate (family%nu(n), family%energy(n), family%x(n_cosines, n), source=0.0_wp)
     if (options%stability) allocate (family%multipliers(2*curve%motion%system%n_dof, n), &
                                      source=(0.0_wp, 0.0_wp))

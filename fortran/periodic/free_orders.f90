@@ -7,9 +7,9 @@
 !! geometric fall leaves a small part. The step takes the derivatives of the larger set, so
 !! that it sees a mode that an order left out resonates with.
 module viscovib_free_orders
-  use viscovib_block_factors, only: factorize_blocks
   use viscovib_curve, only: curve_type
-  use viscovib_dense, only: factorize_padded, solve_padded
+  use viscovib_curve_record, only: curve_branch_type
+  use viscovib_curve_step, only: curve_step, new_curve_step
   use viscovib_kinds, only: wp
   use viscovib_limits, only: max_harmonics
   use viscovib_order_rules, only: better_bound, max_vain
@@ -25,8 +25,6 @@ module viscovib_free_orders
 
   !> Orders left out that judge those kept, at least.
   integer, parameter :: fewest_beyond = 4
-  !> Unknowns up to which whole vectors pay more than blocks.
-  integer, parameter :: small = 64, vector = 8
 
   !> Orders to a highest one, added until they are enough or in vain.
   type :: order_search
@@ -44,15 +42,6 @@ module viscovib_free_orders
     procedure :: judge
     procedure, private :: more_wanted
   end type order_search
-
-  !> What a step of Newton's method works in.
-  type :: newton_step
-    integer :: rows = 0
-    real(wp), allocatable :: matrix(:, :), r(:), slope(:), change(:)
-    integer, allocatable :: pivots(:)
-  contains
-    procedure :: find
-  end type newton_step
 
 contains
 
@@ -81,40 +70,81 @@ contains
   end function judging_order
 
   !> What more orders would change of each point of a curve: of the motion relative to its
-  !! size, in the norm of the curve's weights, or of the frequency, whichever is larger. And
-  !! whether to follow it again, with the orders to `highest`.
-  subroutine judge(self, curve, p, x, truncation, again, cancel)
+  !! size, in the norm of the curve's weights, or of the frequency, whichever is larger; and of the
+  !! places of its folds. And whether to follow it again, with the orders to `highest`.
+  subroutine judge(self, curve, x, at_folds, branch, again, cancel)
     class(order_search), intent(inout) :: self
     !> Of the larger set; its last unknown is the frequency.
     class(curve_type), intent(inout) :: curve
-    !> Points in the order followed, shape (n), and their unknowns, those left out as 0, shape
-    !! (curve%n, n).
-    real(wp), intent(in) :: p(:), x(:, :)
-    !> Shape (n); 1 where the larger set tells nothing; 0 where not judged, as the curve will be
-    !! followed again or was given up.
-    real(wp), allocatable, intent(out) :: truncation(:)
+    !> Unknowns of the larger set at points and folds, those left out as 0, shapes (curve%n, n) and
+    !! (curve%n, n_folds).
+    real(wp), intent(in) :: x(:, :), at_folds(:, :)
+    !> Its truncation, shape (n), is 1 where the larger set tells nothing, 0 where not judged, as the
+    !! curve will be followed again or was given up.
+    type(curve_branch_type), intent(inout) :: branch
     logical, intent(out) :: again
     !> May be set from elsewhere to give up.
     integer, intent(inout), optional :: cancel
-    type(newton_step) :: newton
+    type(curve_step) :: newton
+    real(wp) :: truncation, moved
     integer :: i, largest
 
-    allocate (truncation(size(p)), source=0.0_wp)
-    again = .false.
-    if (size(p) == 0) return
-    call new_newton_step(newton, curve%n)
-    ! Where one point needs more orders, the others need not be judged.
-    largest = maxloc([(sum(curve%weights*x(:, i)**2), i=1, size(p))], 1)
-    call newton%find(curve, p, x, largest, truncation(largest))
-    if (truncation(largest) > self%tolerance) call self%more_wanted(truncation(largest), again)
-    if (again) return
-    do i = 1, size(p)
-      if (present(cancel)) then
-        if (is_set(cancel)) return
-      end if
-      if (i /= largest) call newton%find(curve, p, x, i, truncation(i))
-    end do
-    if (truncation(largest) <= self%tolerance) call self%more_wanted(maxval(truncation), again)
+    associate (n => branch%n_points)
+      branch%truncation = [(0.0_wp, i=1, n)]
+      again = .false.
+      if (n == 0) return
+      call new_curve_step(newton, curve)
+      ! Where one point needs more orders, the others need not be judged.
+      largest = maxloc([(sum(curve%weights*x(:, i)**2), i=1, n)], 1)
+      call look(largest)
+      if (needs(largest)) call self%more_wanted(branch%truncation(largest), again)
+      if (again) return
+      do i = 1, n
+        if (present(cancel)) then
+          if (is_set(cancel)) return
+        end if
+        if (i /= largest) call look(i)
+      end do
+      i = maxloc(branch%truncation, 1, [(needs(i), i=1, n)])
+      if (i > 0 .and. .not. needs(largest)) call self%more_wanted(branch%truncation(i), again)
+      if (again) return
+      associate (folds => branch%folds)
+        do i = 1, folds%n
+          call newton%find(curve, folds%p(i), at_folds(:, i), &
+                           chord(folds%before(i), folds%before(i) + 1), truncation, moved)
+          folds%error(i) = folds%error(i) + moved
+        end do
+      end associate
+    end associate
+
+  contains
+
+    subroutine look(i)
+      integer, intent(in) :: i
+      real(wp) :: moved
+      call newton%find(curve, branch%parameter(i), x(:, i), chord(i - 1, i + 1), &
+                       branch%truncation(i), moved)
+    end subroutine look
+
+    !> Whether more orders bring a point nearer: what they change is neither small enough nor
+    !! rounding.
+    pure logical function needs(i)
+      integer, intent(in) :: i
+      needs = branch%truncation(i) > max(self%tolerance, branch%off(i))
+    end function needs
+
+    !> Between two points, as far as they are there; along p alone if there is one.
+    pure function chord(from, to) result(way)
+      integer, intent(in) :: from, to
+      real(wp) :: way(curve%n + 1)
+      integer :: first, last
+      first = max(from, 1)
+      last = min(to, branch%n_points)
+      way = [x(:, last) - x(:, first), branch%parameter(last) &
+             - branch%parameter(first)]
+      if (last == first) way(curve%n + 1) = branch%parameter(first)
+    end function chord
+
   end subroutine judge
 
   !> Whether to follow the curve again after the largest truncation of its points.
@@ -147,52 +177,5 @@ contains
     character(len=:), allocatable :: text
     text = 'harmonics chosen to meet the tolerance, '//show(first)//' at first'
   end function chosen_text
-
-  subroutine new_newton_step(newton, n)
-    type(newton_step), intent(out) :: newton
-    integer, intent(in) :: n
-    newton%rows = n + 1
-    if (n < small) newton%rows = (n/vector + 1)*vector
-    allocate (newton%matrix(newton%rows, n + 1), source=0.0_wp)
-    allocate (newton%pivots(n + 1), newton%r(n), newton%slope(n), newton%change(n + 1))
-  end subroutine new_newton_step
-
-  !> The truncation of a point.
-  subroutine find(self, curve, p, x, i, truncation)
-    class(newton_step), intent(inout) :: self
-    class(curve_type), intent(inout) :: curve
-    real(wp), intent(in) :: p(:), x(:, :)
-    integer, intent(in) :: i
-    real(wp), intent(out) :: truncation
-    real(wp) :: size_x
-    integer :: before, next, n
-    logical :: inside, singular
-
-    n = curve%n
-    truncation = 1.0_wp
-    call curve%equations(x(:, i), p(i), self%r, self%matrix, self%slope, inside)
-    size_x = sum(curve%weights*x(:, i)**2)
-    if (.not. (inside .and. size_x > 0.0_wp)) return
-    self%matrix(:n, n + 1) = self%slope
-    ! Across the chord between neighbours.
-    before = max(i - 1, 1)
-    next = min(i + 1, size(p))
-    self%matrix(n + 1, :n) = curve%weights*((x(:, next) - x(:, before))/size_x)
-    self%matrix(n + 1, n + 1) = ((p(next) - p(before))/p(i))/p(i)
-    if (size(p) == 1) self%matrix(n + 1, n + 1) = 1.0_wp/p(i)
-    if (n < small) then
-      call factorize_padded(self%rows, n + 1, self%matrix, self%pivots, singular)
-    else
-      call factorize_blocks(n + 1, self%matrix, self%pivots, singular)
-    end if
-    if (singular) return
-    self%change(:n) = self%r
-    self%change(n + 1) = 0.0_wp
-    call solve_padded(self%rows, n + 1, self%matrix, self%pivots, self%change)
-    truncation = max(norm2(sqrt(curve%weights)*self%change(:n))/sqrt(size_x), &
-                     abs(self%change(n)/x(n, i)))
-    ! No number either: nearly singular.
-    if (.not. truncation <= 1.0_wp) truncation = 1.0_wp
-  end subroutine find
 
 end module viscovib_free_orders

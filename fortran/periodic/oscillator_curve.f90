@@ -2,6 +2,7 @@
 !! the factor of the load.
 module viscovib_oscillator_curve
   use viscovib_balance_ladder, only: balance_ladder_type, rung_type
+  use viscovib_equation_terms, only: raise_by_inertia
   use viscovib_harmonic_balance, only: balance_type, new_balance
   use viscovib_harmonic_set, only: harmonic_set_type
   use viscovib_kinds, only: wp
@@ -162,24 +163,13 @@ contains
     class(oscillator_curve_type), intent(in) :: self
     real(wp), intent(in) :: x(:), p
     real(wp), intent(inout) :: terms(:)
-    real(wp) :: nu, largest(self%blocks), most
-    integer :: d, e, k, rows
+    real(wp) :: nu
+    integer :: d, k, rows
 
     rows = self%n/self%blocks
     nu = merge(p, self%balance%nu, self%vary == vary_frequency)
+    call raise_by_inertia(self%system%mass, [(self%balance%set%orders((k + 1)/2)*nu, k=1, rows)], x, terms)
     do d = 1, self%blocks
-      largest(d) = 0.0_wp
-      do k = 1, rows
-        most = self%balance%set%orders((k + 1)/2)*nu
-        largest(d) = max(largest(d), most**2*abs(x((d - 1)*rows + k)))
-      end do
-    end do
-    do d = 1, self%blocks
-      most = maxval(terms((d - 1)*rows + 1:d*rows))
-      do e = 1, self%blocks
-        most = max(most, abs(self%system%mass(d, e))*largest(e))
-      end do
-      terms((d - 1)*rows + 1:d*rows) = most
       terms((d - 1)*rows + 1:(d - 1)*rows + self%balance%set%held()) = 0.0_wp
     end do
   end subroutine raise_terms

@@ -68,6 +68,8 @@ module viscovib_torus_balance
   contains
     procedure :: equations
     procedure :: residual
+    procedure :: raise_terms
+    procedure :: raise_to_inertia
     procedure :: set_parameter
     procedure :: rate
     procedure :: expanded
@@ -208,6 +210,29 @@ contains
     call self%visit(x, p, .false., inside)
     if (inside) call self%defects(self%torus%frequencies(self%omega), self%expanded(x), r)
   end subroutine residual
+
+  subroutine raise_terms(self, x, p, terms)
+    class(torus_balance_type), intent(in) :: self
+    real(wp), intent(in) :: x(:), p
+    real(wp), intent(inout) :: terms(:)
+    integer :: j
+    call self%raise_to_inertia([(merge(p, self%omega(j), self%vary == vary_frequency &
+                                       .and. j == self%which), j=1, size(self%omega))], x, terms)
+  end subroutine raise_terms
+
+  !> As `raise_by_inertia` does, for the orders that each coordinate has.
+  pure subroutine raise_to_inertia(self, omega, x, terms)
+    class(torus_balance_type), intent(in) :: self
+    !> Base frequencies.
+    real(wp), intent(in) :: omega(:), x(:)
+    real(wp), intent(inout) :: terms(:)
+    integer :: d
+    terms = max(terms, abs(x)*self%reduced([spread(twice(self%torus%frequencies(omega)**2), 2, &
+                                                   self%n_dof)]))
+    do d = 1, self%n_dof
+      terms(self%first(d):self%first(d + 1) - 1) = maxval(terms(self%first(d):self%first(d + 1) - 1))
+    end do
+  end subroutine raise_to_inertia
 
   !> -w^2 X - A of the motion seen last.
   subroutine defects(self, w, y, r)

@@ -7,11 +7,12 @@
 !! as their fall suggests; where the outermost shells lie idle, the next value begins with
 !! fewer.
 module viscovib_torus_orders
+  use viscovib_curve_step, only: curve_step, new_curve_step
   use viscovib_driven_system, only: differentiable_system_type
   use viscovib_kinds, only: wp
   use viscovib_order_rules, only: better_bound, idle, max_vain
   use viscovib_outcomes, only: outcome_converged
-  use viscovib_status, only: status_type
+  use viscovib_status, only: set_ok, status_type
   use viscovib_stopping, only: is_set
   use viscovib_torus, only: new_torus, torus_type
   use viscovib_torus_balance, only: new_torus_balance, torus_balance_type, vary_frequency
@@ -19,7 +20,7 @@ module viscovib_torus_orders
   implicit none
   private
 
-  public :: torus_ladder, new_ladder, torus_responses, branch_truncation
+  public :: torus_ladder, new_ladder, torus_responses, branch_truncation, fold_truncation
 
   !> Points of a branch that are judged.
   integer, parameter :: max_judged = 5
@@ -317,6 +318,57 @@ contains
       truncation = max(truncation, one)
     end do
   end subroutine branch_truncation
+
+  !> How far the next shells move the places of a branch's folds: by a step of Newton's method
+  !! across the branch.
+  subroutine fold_truncation(ladder, p, x, fold_p, fold_x, before, moved, status, cancel)
+    type(torus_ladder), intent(inout) :: ladder
+    !> Points and folds, as of `branch_truncation`.
+    real(wp), intent(in) :: p(:), x(:, :), fold_p(:), fold_x(:, :)
+    !> The point before each fold, from 1.
+    integer, intent(in) :: before(:)
+    !> In the unit of p, shape (size(fold_p)).
+    real(wp), intent(out) :: moved(:)
+    type(status_type), intent(out) :: status
+    integer, intent(inout), optional :: cancel
+    type(curve_step) :: newton
+    real(wp), allocatable :: chord(:)
+    real(wp) :: of_x
+    integer :: i, from, to, n
+
+    moved = 0.0_wp
+    call set_ok(status)
+    if (size(fold_p) == 0) return
+    call ladder%prepare(ladder%last, status)
+    if (.not. status%failed()) call ladder%prepare(ladder%last + ladder%step, status)
+    if (status%failed()) return
+    n = (2*ladder%n_orders(ladder%last + ladder%step) - 1)*ladder%system%n_dof
+    associate (balance => ladder%rungs(ladder%last + ladder%step)%balance)
+      call new_curve_step(newton, balance)
+      do i = 1, size(fold_p)
+        if (present(cancel)) then
+          if (is_set(cancel)) return
+        end if
+        from = max(1, before(i))
+        to = min(size(p), before(i) + 1)
+        chord = [beyond(x(:, to)) - beyond(x(:, from)), p(to) - p(from)]
+        call newton%find(balance, fold_p(i), beyond(fold_x(:, i)), chord, of_x, moved(i))
+      end do
+    end associate
+
+  contains
+
+    !> Unknowns with the next shells, which are 0.
+    pure function beyond(whole) result(unknowns)
+      real(wp), intent(in) :: whole(:)
+      real(wp), allocatable :: unknowns(:)
+      associate (last => ladder%last)
+        unknowns = ladder%cropped(last + ladder%step, &
+                                  ladder%padded(last, ladder%cropped(last, whole), n))
+      end associate
+    end function beyond
+
+  end subroutine fold_truncation
 
   !> The largest of the outermost shells against the largest of all.
   pure real(wp) function outer_part(self, bound, y)

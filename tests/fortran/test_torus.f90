@@ -23,6 +23,7 @@ module test_torus
   type, extends(curve_type) :: circle_type
   contains
     procedure :: equations => circle_equations
+    procedure :: raise_terms => circle_terms
   end type circle_type
 
 contains
@@ -208,6 +209,14 @@ contains
     jacobian(2, :2) = [-x(2), 3.0_wp*x(2)**2 - x(1) - 0.5_wp]
     slope = [2.0_wp*p, 0.0_wp]
   end subroutine circle_equations
+
+  !> Terms that cancel at a zero of the second factor.
+  subroutine circle_terms(self, x, p, terms)
+    class(circle_type), intent(in) :: self
+    real(wp), intent(in) :: x(:), p
+    real(wp), intent(inout) :: terms(:)
+    if (p > self%lowest) terms = max(terms, [x(1)**2, abs(x(2)**3)])
+  end subroutine circle_terms
 
   subroutine around_a_circle()
     type(circle_type) :: circle

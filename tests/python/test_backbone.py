@@ -167,7 +167,7 @@ def test_tables_and_picture(tmp_path):
     b = vv.backbone(vv.Mount(**BODY), 0, (1e-3, 0.3))
     b.to_csv(tmp_path / "b.csv")
     lines = lines_without_plan(tmp_path / "b.csv")[1:]
-    assert lines[2].startswith("nu,truncation,x_1,x_3")
+    assert lines[2].startswith("nu,truncation,error,x_1,x_3")
     assert len(lines) == 3 + b.nu.size
     assert b.to_dataset().coefficients.shape == b.coefficients.shape
     axes = vv.plot_backbone([b, vv.backbone(vv.Mount(**BODY), 1, (1e-3, 0.3))])

@@ -21,7 +21,14 @@ from viscovib.common.results import Number, Panel, Result, named, span
 from viscovib.common.tables import Table, listed, listed_units
 from viscovib.common.values import Value
 from viscovib.errors import ConvergenceWarning, InputError, caller
-from viscovib.results.curves import MAX_SPECIAL, OUTCOMES, largest_panels
+from viscovib.results.curves import (
+    MAX_SPECIAL,
+    OUTCOMES,
+    fold_notes,
+    largest_panels,
+    told_rounding,
+    warn_of_rounding,
+)
 from viscovib.results.structure_view import View
 from viscovib.systems.law_ends import told_edges
 from viscovib.systems.oscillators import Steady, check_steady, refuse_turning
@@ -71,6 +78,11 @@ class Backbone(PeriodicMotions, Result):
     truncation : ndarray, shape (n,)
         Estimated change if all orders were kept: of the motion relative to its size, or of its
         frequency, whichever is larger; at most 1, which also stands where nothing can be told.
+    error : ndarray, shape (n,)
+        Estimated error of each point at its value of what varies, of the motion relative to its
+        size or of its frequency, whichever is larger: what the last correction and rounding leave.
+        Stiff springs beside soft ones, or a fold, where a small change of what varies is a large
+        one of the motion, may raise it above ``tolerance``.
     mode : int
         The linear mode it grew from, counted from 0.
     outcome : str
@@ -90,6 +102,9 @@ class Backbone(PeriodicMotions, Result):
         Of a pendulum: `Pendulum.energy`.
     folds : ndarray, shape (n_folds,)
         Values of what varies where it turns back.
+    fold_errors : ndarray, shape (n_folds,)
+        Estimated error of each, in the unit of what varies: what leaving out harmonics, and
+        rounding, move it by.
     branch_points : tuple of BackbonePoint
         Of a pendulum: where other families leave; each may be given to `backbone` as ``leave``.
     multipliers : complex ndarray, shape (n, 6), or None
@@ -113,6 +128,7 @@ class Backbone(PeriodicMotions, Result):
     harmonics: npt.NDArray[np.int32]
     coefficients: ComplexArray
     truncation: FloatArray
+    error: FloatArray
     mode: int
     outcome: str
     dof_names: tuple[str, ...]
@@ -121,11 +137,14 @@ class Backbone(PeriodicMotions, Result):
     varies: str = "amplitude"
     energy: FloatArray | None = None
     folds: FloatArray = field(default_factory=lambda: np.empty(0))
+    fold_errors: FloatArray = field(default_factory=lambda: np.empty(0))
     branch_points: tuple[BackbonePoint, ...] = ()
     multipliers: ComplexArray | None = None
     stable: npt.NDArray[np.bool_] | None = None
     growing: npt.NDArray[np.int32] | None = None
     _tolerance: float = 1e-10
+    #: How far rounding leaves each point off its curve.
+    _off: FloatArray = field(default_factory=lambda: np.empty(0), repr=False)
 
     kind = "backbone"
     _form = "backbone"
@@ -137,8 +156,8 @@ class Backbone(PeriodicMotions, Result):
 
     @property
     def _short(self) -> int:
-        """Number of points with too few harmonics."""
-        return int((self.truncation > self._tolerance).sum())
+        """Number of points that more harmonics would bring nearer."""
+        return int((self.truncation > np.maximum(self._tolerance, self._off)).sum())
 
     @property
     def _unit(self) -> str:
@@ -150,6 +169,7 @@ class Backbone(PeriodicMotions, Result):
             "" if self.energy is None else f", {things(len(self.branch_points), 'branch point')}"
         )
         short = f", {things(self._short, 'point')} with too few harmonics" if self._short else ""
+        short += told_rounding(self._off, self._tolerance)
         found = f"{things(self.nu.size, 'point')}, {things(self.folds.size, 'fold')}"
         return f"{self.outcome}, {found}{points}{short}"
 
@@ -203,6 +223,7 @@ class Backbone(PeriodicMotions, Result):
             "nu": ("point", self.nu, {"units": "rad/s"}),
             "coefficients": (("point", "dof", "harmonic"), self.coefficients),
             "truncation": ("point", self.truncation),
+            "error": ("point", self.error),
         }
         if self.energy is not None:
             data["energy"] = ("point", self.energy)
@@ -221,14 +242,14 @@ class Backbone(PeriodicMotions, Result):
                 "outcome": self.outcome,
                 "linear_mode": self.mode,
                 "folds": self.folds,
+                "fold_errors": self.fold_errors,
                 "plan": str(self.plan),
             },
         )
 
     def _table(self, coordinates: Sequence[str] | None) -> Table:
         names = {d: self.dof_names[d] for d in wanted_places(coordinates, self.dof_names)}
-        folds = f"folds at {self.varies} ={listed(self.folds)}"
-        table = Table([f"backbone {self.outcome}; {folds}"], {"nu": self.nu})
+        table = Table(fold_notes("backbone", self), {"nu": self.nu})
         if self.branch_points:
             places = listed(point.parameter for point in self.branch_points)
             table.notes.append(f"branch points at {self.varies} ={places}")
@@ -239,9 +260,12 @@ class Backbone(PeriodicMotions, Result):
             note += STABILITY_NOTE
             table.columns |= stability_columns(self.growing, self.multipliers)
         units = listed_units(list(names.values()), [self.dof_units[d] for d in names])
-        note += "; truncation: estimated relative error of leaving out higher orders"
+        note += (
+            "; truncation: estimated relative error of leaving out higher orders; error: of the "
+            "last correction and rounding"
+        )
         table.notes.append(f"{note}; u = sum_k a_k cos(k nu t); {units}")
-        table.columns["truncation"] = self.truncation
+        table.columns |= {"truncation": self.truncation, "error": self.error}
         for d, name in names.items():
             for j, k in enumerate(self.harmonics):
                 table.columns[f"{name}_{k}"] = self.coefficients[:, d, j].imag
@@ -296,7 +320,9 @@ def oscillator_backbone(
     if points > room:
         raise InputError(f"max_points = {points}: must be at most {room} with these unknowns")
     cancel = np.zeros(1, dtype=np.intc)
-    n, ended, m, kept, nu, truncation, coefficients, n_folds, folds = _native.call_interruptibly(
+    (
+        n, ended, m, kept, nu, truncation, error, off, coefficients, n_folds, folds, fold_errors,
+    ) = _native.call_interruptibly(
         core.oscillator_backbone, cancel, *job, curve.packed(*ends), highest, int(chosen), points,
         n_kept, n_dof, MAX_SPECIAL, cancel,
     )  # fmt: skip
@@ -312,7 +338,7 @@ def oscillator_backbone(
             ConvergenceWarning,
             stacklevel=caller(),
         )
-    warn_of_few(truncation[:n], wanted, int(kept[m - 1]))
+    warn_of_doubts(truncation[:n], off[:n], wanted, int(kept[m - 1]))
     own = np.ascontiguousarray(coefficients[:m, :, :n].T)
     plan = Plan(text.decode())
     units = system.dof_units
@@ -325,24 +351,28 @@ def oscillator_backbone(
         harmonics=kept[:m].copy(),
         coefficients=own,
         truncation=truncation[:n].copy(),
+        error=error[:n].copy(),
         mode=j,
         outcome=OUTCOMES[ended],
         folds=folds[:n_folds].copy(),
+        fold_errors=fold_errors[:n_folds].copy(),
         dof_names=names,
         dof_units=units,
         plan=plan,
         _tolerance=wanted,
+        _off=off[:n].copy(),
     )
 
 
-def warn_of_few(truncation: FloatArray, tolerance: float, highest: int) -> None:
-    """Warn the caller of `backbone` where orders are too few."""
-    few = truncation > tolerance
+def warn_of_doubts(truncation: FloatArray, off: FloatArray, tolerance: float, highest: int) -> None:
+    """Warn the caller of `backbone` where orders are too few, or rounding leaves too much."""
+    warn_of_rounding(off, tolerance)
+    few = truncation > np.maximum(tolerance, off)
     if few.any():
         warnings.warn(
             f"at {few.sum()} of {few.size} points harmonics up to {highest} do not reach the "
             f"tolerance {tolerance:.1e}; the worst has an estimated relative error of "
-            f"{truncation.max():.1e}",
+            f"{truncation[few].max():.1e}",
             ConvergenceWarning,
             stacklevel=caller(),
         )

@@ -66,6 +66,8 @@ from viscovib.results.curves import (
     located_branch_points,
     located_crossings,
     range_of,
+    told_rounding,
+    warn_of_rounding,
 )
 from viscovib.systems.pendulum import Pendulum
 
@@ -102,6 +104,8 @@ class DrivenBranch(PeriodicMotions, Curve):
         With several base frequencies: as in `DrivenResponse`.
     folds : ndarray, shape (n_folds,)
         Values of the parameter where the branch turns back.
+    fold_errors : ndarray, shape (n_folds,)
+        As in `Branch`.
     fold_coefficients : complex ndarray, shape (n_folds, 3, m)
     branch_points : tuple of BranchPoint
         Where others branch off: each may be given to `trace_response` as ``leave``.
@@ -113,6 +117,9 @@ class DrivenBranch(PeriodicMotions, Curve):
     outcome : str
         As in `Branch`, or "unphysical": the motion reaches z = -1; "closed": back at the first
         point.
+    error : ndarray, shape (n,)
+        As in `Branch`: what the last correction and rounding leave of each motion at its value of
+        the parameter.
     plan : Plan
         What was computed, what was skipped and why.
 
@@ -139,12 +146,14 @@ class DrivenBranch(PeriodicMotions, Curve):
     growth: FloatArray | None
     growth_error: FloatArray | None
     folds: FloatArray
+    fold_errors: FloatArray
     fold_coefficients: ComplexArray
     branch_points: tuple[BranchPoint, ...]
     crossings: tuple[Crossing, ...]
     stops: npt.NDArray[np.intp]
     outcome: str
     iterations: IntArray
+    error: FloatArray
     plan: Plan
     #: The job as the core takes it, units of what varies in the parameter, the relative error
     #: wanted and what orders left out come to where that is largest.
@@ -152,6 +161,8 @@ class DrivenBranch(PeriodicMotions, Curve):
     _unit: float = field(repr=False)
     _tolerance: float = field(repr=False)
     _worst: float = field(repr=False)
+    #: How far rounding leaves each point off its curve.
+    _off: FloatArray = field(repr=False)
     dof_names: tuple[str, ...] = Pendulum.dof_names
     dof_units: tuple[str, ...] = ("1", "rad", "rad")
 
@@ -189,9 +200,10 @@ class DrivenBranch(PeriodicMotions, Curve):
         return self.nu, self.harmonics, self.coefficients
 
     def _lacking(self) -> str:
+        words = told_rounding(self._off, self._tolerance)
         if self._worst <= self._tolerance:
-            return ""
-        return f", too few harmonics (estimated error {self._worst:.1e})"
+            return words
+        return f", too few harmonics (estimated error {self._worst:.1e}){words}"
 
     def panels(self) -> list[Panel]:
         """Amplitudes along the branch, each of the order of which there is most."""
@@ -224,6 +236,7 @@ class DrivenBranch(PeriodicMotions, Curve):
             "orders": (("order", "axis"), self.orders),
             "coefficients": (("point", "dof", "order"), self.coefficients),
             "truncation": ("point", self.truncation),
+            "error": ("point", self.error),
             "iterations": ("point", self.iterations),
             **crossing_variables(self.crossings),
         }
@@ -246,6 +259,7 @@ class DrivenBranch(PeriodicMotions, Curve):
                 "varies": self.varies,
                 "outcome": self.outcome,
                 "folds": self.folds,
+                "fold_errors": self.fold_errors,
                 "branch_points": [point.parameter for point in self.branch_points],
                 "plan": str(self.plan),
             },
@@ -254,7 +268,7 @@ class DrivenBranch(PeriodicMotions, Curve):
     def _table(self, coordinates: Sequence[str] | None) -> Table:
         notes = branch_notes(self)
         places = listed(point.parameter for point in self.branch_points)
-        notes.insert(1, f"branch points at {self.varies} ={places}")
+        notes.insert(2 if self.folds.size else 1, f"branch points at {self.varies} ={places}")
         table = Table(notes, {self.varies: self.parameter})
         table.columns |= {f"omega_{j + 1}": self.base[:, j] for j in range(len(self.axes))}
         note = "q = Im sum_k X_k exp(i k.omega t) of z, phi (rad), psi (rad)"
@@ -266,8 +280,9 @@ class DrivenBranch(PeriodicMotions, Curve):
         highest = int(np.abs(self.orders).sum(axis=1).max())
         table.notes.append(
             f"{note}; orders to {highest} leave an estimated relative error of {self._worst:.16e} "
-            "at most"
+            "at most; error: of the last correction and rounding"
         )
+        table.columns["error"] = self.error
         names = {d: self.dof_names[d] for d in wanted_places(coordinates, self.dof_names)}
         table.add_harmonics(names, map(order_name, self.orders), self.coefficients)
         return table
@@ -300,6 +315,8 @@ class _Pass:
     unit: float
     found: tuple[Any, ...]
     worst: float
+    #: How far orders left out move folds, as the core has them.
+    moved: FloatArray
     next_bound: int
 
 
@@ -336,7 +353,8 @@ class _Way:
             curve.max_points, self.span, int(self.leave is not None), begin, begin_p, along,
             MAX_SPECIAL, cancel,
         )  # fmt: skip
-        n_points, p, x = found[0], found[2], found[4]
+        n_points, p, x = found[0], found[2], found[6]
+        n_folds, folds, _, before, fold_x = found[12:17]
         if not n_points:
             raise InputError(
                 f"{self.varies}: no solution was found at its beginning {self.start:g}: begin "
@@ -344,12 +362,12 @@ class _Way:
             )
         judged, _ = self._job(torus.lattice(bound + torus.shells))
         cancel = np.zeros(1, dtype=np.intc)
-        worst, next_bound = _native.call_interruptibly(
+        worst, next_bound, moved = _native.call_interruptibly(
             core.pendulum_truncation, cancel, *judged, p[:n_points],
-            np.asfortranarray(x[:, :n_points]), curve.tolerance, bound, torus.shells,
-            torus.largest(_FEWER) if auto else bound, cancel,
+            np.asfortranarray(x[:, :n_points]), n_folds, folds, fold_x, before, curve.tolerance,
+            bound, torus.shells, torus.largest(_FEWER) if auto else bound, cancel,
         )  # fmt: skip
-        return _Pass(orders, bound, job, unit, found, worst, next_bound)
+        return _Pass(orders, bound, job, unit, found, worst, moved, next_bound)
 
     def _job(self, orders: IntArray) -> tuple[tuple[Any, ...], float]:
         """What the core takes of the system with these orders, and units of what varies."""
@@ -435,6 +453,7 @@ def trace_pendulum(
             ConvergenceWarning,
             stacklevel=caller(),
         )
+    warn_of_rounding(last.found[5][: last.found[0]], curve.tolerance)
     judged = ("rates" if torus.n_axes > 1 else "multipliers") if span else (
         "not asked for" if torus.n_axes == 1 or not stability
         else "of quasi-periodic motions: only over a duration"
@@ -449,15 +468,15 @@ def trace_pendulum(
 def _branch(way: _Way, last: _Pass, plan: Plan) -> DrivenBranch:
     """Give what the core found its names and units."""
     (
-        n_points, ended, p, iterations, x, is_stop, multipliers_found, found, rates, off,
-        n_folds, folds, fold_x, n_branch, branch_p, branch_x, across, before, n_crossings, kinds,
-        crossed_after, crossed_at, crossed_x,
+        n_points, ended, p, iterations, error, off, x, is_stop, multipliers_found, found, rates,
+        rates_off, n_folds, folds, fold_errors, _, fold_x, n_branch, branch_p, branch_x, across,
+        before, n_crossings, kinds, crossed_after, crossed_at, crossed_x,
     ) = last.found  # fmt: skip
     torus, unit = way.torus, last.unit
     multipliers, stable, growing, growth, growth_error = None, None, None, None, None
     if way.span and torus.n_axes > 1:
         growth = rates[:, :n_points].T.copy()
-        growth_error = off[:, :n_points].T.copy()
+        growth_error = rates_off[:, :n_points].T.copy()
         stable = told_by_rates(growth, growth_error, np.ones(n_points, dtype=bool))
     elif way.span:
         multipliers, growing = multipliers_found[:, :n_points].T.copy(), found[:n_points].copy()
@@ -480,6 +499,7 @@ def _branch(way: _Way, last: _Pass, plan: Plan) -> DrivenBranch:
         growth=growth,
         growth_error=growth_error,
         folds=folds[:n_folds] * unit,
+        fold_errors=(fold_errors + last.moved)[:n_folds] * unit,
         fold_coefficients=complex_coefficients(fold_x[:, :n_folds]),
         branch_points=located_branch_points(
             branch_p[:n_branch] * unit,
@@ -497,6 +517,8 @@ def _branch(way: _Way, last: _Pass, plan: Plan) -> DrivenBranch:
         stops=np.flatnonzero(is_stop[:n_points]),
         outcome=OUTCOMES[ended],
         iterations=iterations[:n_points].copy(),
+        error=error[:n_points].copy(),
+        _off=off[:n_points].copy(),
         _job=last.job,
         _unit=unit,
         _tolerance=way.curve.tolerance,

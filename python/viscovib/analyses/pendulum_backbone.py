@@ -7,7 +7,7 @@ import numpy as np
 
 from viscovib import _native
 from viscovib._native import ComplexArray, FloatArray, core
-from viscovib.analyses.backbones import Backbone, BackbonePoint, warn_of_few
+from viscovib.analyses.backbones import Backbone, BackbonePoint, warn_of_doubts
 from viscovib.analyses.driven import check_size
 from viscovib.analyses.torus import IntArray
 from viscovib.common.counts import things
@@ -139,11 +139,11 @@ def _backbone(
 ) -> Backbone:
     """Give what the core found its names and units."""
     (
-        count, ended, order, nu, energy, truncation, x, multipliers, growing, n_folds, folds,
-        n_branch, branch_p, branch_nu, branch_x, across, before,
+        count, ended, order, nu, energy, truncation, error, off, x, multipliers, growing, n_folds,
+        folds, fold_errors, n_branch, branch_p, branch_nu, branch_x, across, before,
     ) = found  # fmt: skip
     n = 3 * (multiple * order + 1)
-    warn_of_few(truncation[:count], tolerance, order)
+    warn_of_doubts(truncation[:count], off[:count], tolerance, order)
     if judged:
         warn_of_unknown(growing[:count] < 0)
     return Backbone(
@@ -151,6 +151,7 @@ def _backbone(
         harmonics=np.arange(multiple * order + 1, dtype=np.intc),
         coefficients=_coefficients(x[:n, :count]),
         truncation=truncation[:count].copy(),
+        error=error[:count].copy(),
         mode=mode,
         outcome=OUTCOMES[ended],
         dof_names=Pendulum.dof_names,
@@ -158,6 +159,7 @@ def _backbone(
         varies=varies,
         energy=energy[:count].copy(),
         folds=folds[:n_folds].copy(),
+        fold_errors=fold_errors[:n_folds].copy(),
         branch_points=tuple(
             BackbonePoint(
                 float(branch_p[i]),
@@ -174,6 +176,7 @@ def _backbone(
         growing=growing[:count].copy() if judged else None,
         plan=plan,
         _tolerance=tolerance,
+        _off=off[:count].copy(),
     )
 
 

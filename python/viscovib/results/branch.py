@@ -16,7 +16,7 @@ from viscovib.common.counts import things
 from viscovib.common.motion_stability import STABILITY_NOTE, stability_columns, whole_or_codes
 from viscovib.common.periodic_motions import PeriodicMotions
 from viscovib.common.plan import Plan, wanted_places
-from viscovib.common.tables import Table, listed, listed_units
+from viscovib.common.tables import Table, listed_units
 from viscovib.errors import InputError
 from viscovib.results.curves import (
     BranchPoint,
@@ -320,8 +320,6 @@ class Branch(PeriodicMotions, Curve):
     def _table(self, coordinates: Sequence[str] | None) -> Table:
         names = {d: self.dof_names[d] for d in wanted_places(coordinates, self.dof_names)}
         table = Table(branch_notes(self), {self.varies: self.parameter})
-        if self.folds.size:
-            table.notes.insert(1, f"estimated errors of these folds:{listed(self.fold_errors)}")
         note = "nu: circular frequency of the load (rad/s); u = Im sum_k X_k exp(i k nu t)"
         if self.growing is not None:
             note += STABILITY_NOTE

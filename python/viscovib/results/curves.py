@@ -17,7 +17,7 @@ from viscovib.common.parameters import CURVE_OUTCOMES
 from viscovib.common.results import Number, Panel, Result, named, span
 from viscovib.common.tables import listed
 from viscovib.common.values import Value
-from viscovib.errors import InputError, StabilityWarning, caller
+from viscovib.errors import ConvergenceWarning, InputError, StabilityWarning, caller
 from viscovib.results.response import Peak, band_of, lowest_order, only_rounding, peaks
 
 OUTCOMES = CURVE_OUTCOMES
@@ -277,11 +277,39 @@ def one_way(parameter: FloatArray, inside: npt.NDArray[np.bool_]) -> Iterator[np
             yield places if ways[part[0]] > 0 else places[::-1]
 
 
+def fold_notes(kind: str, curve: Any) -> list[str]:
+    """Lines of a table: how a curve ended, where it turns back, how far off these places are."""
+    lines = [f"{kind} {curve.outcome}; folds at {curve.varies} ={listed(curve.folds)}"]
+    if curve.folds.size:
+        lines.append(f"estimated errors of these folds:{listed(curve.fold_errors)}")
+    return lines
+
+
+def told_rounding(off: FloatArray, tolerance: float) -> str:
+    """Words for points of which rounding leaves more than the tolerance, if there are any."""
+    blurred = int((off > tolerance).sum())
+    if not blurred:
+        return ""
+    return f", {things(blurred, 'point')} of which rounding leaves more than the tolerance"
+
+
+def warn_of_rounding(off: FloatArray, tolerance: float) -> None:
+    """Warn the caller of a public function of such points."""
+    blurred = off > tolerance
+    if blurred.any():
+        warnings.warn(
+            f"at {blurred.sum()} of {off.size} points rounding leaves more than the tolerance "
+            f"{tolerance:.1e}; the worst has an estimated relative error of {off.max():.1e}",
+            ConvergenceWarning,
+            stacklevel=caller(),
+        )
+
+
 def branch_notes(branch: Any) -> list[str]:
     """Lines of a table: how the branch ended, where it turns back and where stability changes."""
     at = branch.varies
     return [
-        f"branch {branch.outcome}; folds at {at} ={listed(branch.folds)}",
+        *fold_notes("branch", branch),
         *(
             f"stability changes after point {crossing.before + 1}: {crossing.kind}"
             + (
