@@ -15,16 +15,18 @@ module viscovib_explicit_tables
   implicit none
   private
 
-  public :: explicit_table_type, new_explicit_table
+  public :: explicit_table_type, is_series, new_explicit_table, series_order
 
   integer, parameter, public :: max_stages = 16
   character(len=*), parameter, public :: explicit_names(4) = &
     [character(len=8) :: 'rk4', 'dop8', 'verner8', 'verner9']
   !> Methods of many trajectories at once.
-  character(len=*), parameter, public :: lane_methods(7) = &
-    [character(len=8) :: explicit_names, 'gauss8', 'gauss16', 'taylor20']
-  !> The last of them has no table: see `viscovib_taylor`.
-  integer, parameter, public :: taylor_20 = 7
+  character(len=*), parameter, public :: lane_methods(11) = &
+    [character(len=8) :: explicit_names, 'gauss8', 'gauss16', 'taylor8', 'taylor12', 'taylor16', &
+     'taylor20', 'taylor24']
+  !> The last of them, of these orders, have no tables: see `viscovib_taylor`.
+  integer, parameter :: series_orders(5) = [8, 12, 16, 20, 24]
+  integer, parameter :: before_series = size(lane_methods) - size(series_orders)
   !> Accelerations that predict the next one of a collocation.
   integer, parameter :: most_predicting = 10
 
@@ -45,6 +47,18 @@ module viscovib_explicit_tables
   end type explicit_table_type
 
 contains
+
+  !> Whether a method, by its place in `lane_methods`, is Taylor's.
+  pure logical function is_series(method)
+    integer, intent(in) :: method
+    is_series = method > before_series
+  end function is_series
+
+  !> The order of Taylor's method that has this place in `lane_methods`.
+  pure integer function series_order(method)
+    integer, intent(in) :: method
+    series_order = series_orders(method - before_series)
+  end function series_order
 
   !> Table by its place in `lane_methods`.
   pure subroutine new_explicit_table(table, method)

@@ -4,7 +4,7 @@ module viscovib_ensemble
   use, intrinsic :: ieee_arithmetic, only: ieee_all, ieee_get_halting_mode, ieee_set_flag, &
     ieee_set_halting_mode
   use viscovib_driven_system, only: differentiable_system_type, driven_system_type
-  use viscovib_explicit_tables, only: lane_methods, taylor_20
+  use viscovib_explicit_tables, only: is_series, lane_methods, series_order
   use viscovib_flight, only: after_step, before_step, ensemble_block, ensemble_job, flight_type, &
     gather, land, take_off
   use viscovib_kinds, only: i8, wp
@@ -115,7 +115,7 @@ contains
       frequencies(first:last) = blocks(b)%frequencies(:, 1)
       h(first:last) = blocks(b)%h
     end do
-    call new_taylor(taylor, motions, frequencies, q, v, h)
+    call new_taylor(taylor, series_order(job%method), motions, frequencies, q, v, h)
     if (job%moments) then
       call taylor%expand_first()
       do b = 1, size(blocks)
@@ -150,7 +150,7 @@ contains
   !> How many blocks run side by side.
   pure integer function blocks_of(job)
     type(ensemble_job), intent(in) :: job
-    blocks_of = merge(n_blocks, 1, job%method == taylor_20)
+    blocks_of = merge(n_blocks, 1, is_series(job%method))
   end function blocks_of
 
   !> Whether the method can do the job.
@@ -162,19 +162,19 @@ contains
     logical :: known
 
     call set_ok(status)
-    if (job%method /= taylor_20) return
+    if (.not. is_series(job%method)) return
     known = .false.
     select type (system)
     type is (lane_motion_type)
       call new_motion_series(series, [system], known)
     end select
     if (.not. known) then
-      call fail(status, status_input_error, 'method', "method = '"//trim(lane_methods(taylor_20)) &
+      call fail(status, status_input_error, 'method', "method = '"//trim(lane_methods(job%method)) &
                 //"': is for systems whose laws have power series in time: sums, products, " &
                 //'quotients, powers of half and whole numbers, functions of one variable; take ' &
                 //"another for this one, as 'verner9'")
     else if (job%n_exponents > 0) then
-      call fail(status, status_input_error, 'method', "method = '"//trim(lane_methods(taylor_20)) &
+      call fail(status, status_input_error, 'method', "method = '"//trim(lane_methods(job%method)) &
                 //"': gives no Lyapunov exponents; take another, as 'verner9'")
     end if
   end subroutine check_method

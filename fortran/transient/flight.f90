@@ -4,7 +4,7 @@ module viscovib_flight
   use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
   use viscovib_driven_system, only: differentiable_system_type, driven_system_type
   use viscovib_explicit, only: explicit_type, new_explicit
-  use viscovib_explicit_tables, only: taylor_20
+  use viscovib_explicit_tables, only: is_series
   use viscovib_kinds, only: i8, wp
   use viscovib_lane_lines, only: lines_type, new_lines
   use viscovib_lane_moments, only: moments_type, new_moments
@@ -101,7 +101,7 @@ contains
     allocate (f%growth(n_lanes, max(job%n_exponents, 1)), source=0.0_wp)
     f%q_before = f%q
     f%v_before = f%v
-    f%together = job%method == taylor_20
+    f%together = is_series(job%method)
     if (.not. f%together) then
       call new_explicit(f%method, system%n_dof, job%method, block%frequencies, f%q, f%v, 0.0_wp, &
                         block%h)

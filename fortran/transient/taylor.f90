@@ -1,4 +1,4 @@
-!> Taylor's method of order 20 in fixed steps, many motions side by side in four blocks of lanes:
+!> Taylor's method of any order in fixed steps, many motions side by side in four blocks of lanes:
 !! for large ensembles of systems whose forces have power series.
 !!
 !! An order of the series costs as many products as it has coefficients, far fewer operations than
@@ -18,13 +18,13 @@ module viscovib_taylor
 
   public :: new_taylor, taylor_type
 
-  integer, parameter :: order = 20
   !> The last terms of series that converge within a step are at most this part of the motion.
   real(wp), parameter :: most_left = 1.0e-4_wp
 
   type :: taylor_type
     !> Lanes whose series converged in the last step.
     logical :: made(n_wide) = .true.
+    integer, private :: order = 20
     type(motion_series), private :: series
     real(wp), dimension(n_wide), private :: h = 0.0_wp, turning = 0.0_wp
     !> State and what rounding has left out of it, shape (n_wide, n_dof).
@@ -49,8 +49,9 @@ module viscovib_taylor
 contains
 
   !> Start at time 0.
-  subroutine new_taylor(method, motions, frequencies, q, v, h)
+  subroutine new_taylor(method, order, motions, frequencies, q, v, h)
     type(taylor_type), intent(out) :: method
+    integer, intent(in) :: order
     !> A block each.
     type(lane_motion_type), intent(in) :: motions(:)
     !> Of all lanes: circular frequencies of the loads, states, and steps; shape (n_wide, n_dof).
@@ -58,6 +59,7 @@ contains
     logical :: known
 
     call new_motion_series(method%series, motions, known)
+    method%order = order
     method%q = q
     method%v = v
     method%q_rest = 0.0_wp*q
@@ -79,7 +81,7 @@ contains
 
   subroutine step_in_room(self, s)
     class(taylor_type), intent(inout) :: self
-    real(wp), intent(inout) :: s(n_wide, 0:order, self%series%program%n_registers)
+    real(wp), intent(inout) :: s(n_wide, 0:self%order, self%series%program%n_registers)
     real(wp), dimension(n_wide) :: left, size_of
     logical :: lost(n_wide)
     integer :: d, n
@@ -89,8 +91,10 @@ contains
     left = 0.0_wp
     size_of = 0.0_wp
     do d = 1, n
-      call add_terms(s(1, 0, d), self%q(1, d), self%q_rest(1, d), left, size_of, self%h, .false.)
-      call add_terms(s(1, 0, n + d), self%v(1, d), self%v_rest(1, d), left, size_of, self%h, .true.)
+      call add_terms(self%order, s(1, 0, d), self%q(1, d), self%q_rest(1, d), left, size_of, &
+                     self%h, .false.)
+      call add_terms(self%order, s(1, 0, n + d), self%v(1, d), self%v_rest(1, d), left, size_of, &
+                     self%h, .true.)
     end do
     self%made = .not. lost .and. left <= most_left*size_of
   end subroutine step_in_room
@@ -105,7 +109,7 @@ contains
   !> The series from the present state on.
   subroutine expand_in_room(self, s, lost)
     class(taylor_type), intent(inout) :: self
-    real(wp), intent(inout) :: s(n_wide, 0:order, self%series%program%n_registers)
+    real(wp), intent(inout) :: s(n_wide, 0:self%order, self%series%program%n_registers)
     logical, intent(out) :: lost(n_wide)
     real(wp), dimension(n_wide) :: cosine, sine
     integer :: n
@@ -114,7 +118,7 @@ contains
     s(:, 0, :n) = self%q
     s(:, 0, n + 1:2*n) = self%v
     call cosines(self%high, self%low, cosine, sine)
-    call self%series%expand(order, self%h, self%turning, cosine, sine, s, lost)
+    call self%series%expand(self%order, self%h, self%turning, cosine, sine, s, lost)
   end subroutine expand_in_room
 
   !> Accelerations of a block at the end of the step whose series is known, or at its start: the
@@ -130,7 +134,7 @@ contains
 
   pure subroutine accelerations_in_room(self, s, before, at_end, a)
     class(taylor_type), intent(in) :: self
-    real(wp), intent(in) :: s(n_wide, 0:order, self%series%program%n_registers)
+    real(wp), intent(in) :: s(n_wide, 0:self%order, self%series%program%n_registers)
     !> Lanes of the blocks before.
     integer, intent(in) :: before
     logical, intent(in) :: at_end
@@ -140,7 +144,7 @@ contains
 
     do d = 1, self%series%n_dof
       total = 0.0_wp
-      do k = merge(order, 1, at_end), 1, -1
+      do k = merge(self%order, 1, at_end), 1, -1
         total = total + k*s(before + 1:before + n_lanes, k, self%series%n_dof + d)
       end do
       do l = 1, n_lanes
@@ -168,7 +172,8 @@ contains
 
   !> The sum of a series, the smallest terms first, added to the state in compensated summation; its
   !! last two terms and its size besides, of a velocity times the step.
-  pure subroutine add_terms(s, x, rest, left, size_of, h, is_rate)
+  pure subroutine add_terms(order, s, x, rest, left, size_of, h, is_rate)
+    integer, intent(in) :: order
     real(wp), intent(in) :: s(n_wide, 0:order), h(n_wide)
     real(wp), intent(inout), dimension(n_wide) :: x, rest, left, size_of
     logical, intent(in) :: is_rate

@@ -61,9 +61,11 @@ def test_power_series_of_functions_and_sums(solve, tmp_path):
     law = "x^3 + 0.3*(x + 2*x_dot)*x - 0.1*exp(0.1*x + 0.2)*x_dot^2 + sin(x)*cos(x)"
     text = MANY.replace("x^3", law)
     other = _run(solve, tmp_path, text)
-    table = _run(solve, tmp_path, text.replace("&ensemble ", "&ensemble method='taylor20' "))
-    for name in ("x", "x_dot"):
-        np.testing.assert_allclose(table[name], other[name], rtol=0, atol=2e-9)
+    for order in (8, 12, 16, 20, 24):
+        series = text.replace("&ensemble ", f"&ensemble method='taylor{order}' ")
+        table = _run(solve, tmp_path, series)
+        for name in ("x", "x_dot"):
+            np.testing.assert_allclose(table[name], other[name], rtol=0, atol=2e-9)
 
 
 def test_power_series_side_by_side(solve, tmp_path):

@@ -18,6 +18,7 @@ JUDGES = (
 )
 
 METHODS = ("auto", "gauss8", "gauss16")
+SERIES = ("taylor8", "taylor12", "taylor16", "taylor20", "taylor24")
 
 
 def _lanes(rng, index):
@@ -187,9 +188,9 @@ def _systems(rng, index):
     )[index % 3]
     nus = [even(rng, 0.5, 2, 3) for _ in range(5)]
     start = [[even(rng, -1, 1, 3), even(rng, -1, 1, 3)] for _ in range(5)]
-    method = (*METHODS, "taylor20")[index // 3 % (len(METHODS) + 1)]
+    method = (*METHODS, *SERIES)[index // 3 % (len(METHODS) + len(SERIES))]
     # Power series give no exponents.
-    series = method == "taylor20"
+    series = method in SERIES
     call = f"""system = vv.PolynomialSystem(mass=1, stiffness={k}, damping={c}, forces={law!r})
 many = vv.simulate_ensemble(system, initial={start}, parameters={{"nu": {nus}}}, load={load},
     t_end=15, dt=0.05, method={method!r}{"" if series else ', lyapunov="all"'})
@@ -226,8 +227,9 @@ def _numbers(rng, index):
     b = [float(rng.choice([2.0, even(rng, 0.1, 2, 3)], p=[0.2, 0.8])) for _ in range(n)]
     start = [even(rng, -2, 2, 3), even(rng, -2, 2, 3)]
     # The last two laws have a function or a power that is no series.
-    method = (*METHODS, "taylor20")[index % (3 if index % 5 in (1, 4) else 4)]
-    step = ", dt=0.02" if method == "taylor20" else ""
+    series = SERIES[index // 4 % len(SERIES)]
+    method = (*METHODS, series)[index % (3 if index % 5 in (1, 4) else 4)]
+    step = ", dt=0.02" if method == series else ""
     call = f"""system = vv.PolynomialSystem(mass=1, stiffness={k}, damping={c}, forces={text!r},
     parameters={{"A": 0.5, "B": 0.5}})
 many = vv.simulate_ensemble(system, initial={start}, t_end=12, method={method!r}{step},

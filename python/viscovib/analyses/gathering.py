@@ -62,9 +62,9 @@ def members_of(
                 _check_scale(system, name)
     few = None if surface is not None else side_by_side(system, given, lyapunov)
     if few is None:
-        if method == TAYLOR:
+        if _is_series(method):
             raise InputError(
-                f"method = {TAYLOR!r}: is for motions that go side by side, these go one after "
+                f"method = {method!r}: is for motions that go side by side, these go one after "
                 "another: give one that simulate takes"
             )
         return SingleMembers(system, initial, given, load, nu, method, surface)
@@ -77,7 +77,7 @@ def members_of(
         with lock:
             if not made:
                 # Those that meet thin layers go in parts of steps, by a method that has such.
-                own = "auto" if method == TAYLOR else method
+                own = "auto" if _is_series(method) else method
                 one: Any = system if numbers else few
                 made.append(SingleMembers(one, initial, given, load, nu, own, None))
         return made[0]
@@ -95,6 +95,11 @@ def members_of(
         return systems_one_by_one(made_with, next(iter(values.values())).size)
 
     return PolynomialMembers(few, initial, given, load, nu, method, alone, with_parameters)
+
+
+def _is_series(method: object) -> bool:
+    """Whether a method is Taylor's."""
+    return isinstance(method, str) and method in TAYLOR
 
 
 def _check_scale(system: PolynomialSystem, name: str) -> None:

@@ -39,10 +39,10 @@ from viscovib.systems.whole import n_hidden
 
 #: Explicit methods by their place in the core.
 EXPLICIT = {"rk4": 1, "dop8": 2, "verner8": 3, "verner9": 4}
-#: Taylor's method, of many motions side by side only.
-TAYLOR = "taylor20"
+#: Taylor's method by its order, of many motions side by side only.
+TAYLOR = {"taylor8": 7, "taylor12": 8, "taylor16": 9, "taylor20": 10, "taylor24": 11}
 #: Those of many motions side by side.
-SIDE_BY_SIDE = EXPLICIT | {"gauss8": 5, "gauss16": 6, TAYLOR: 7}
+SIDE_BY_SIDE = EXPLICIT | {"gauss8": 5, "gauss16": 6} | TAYLOR
 #: All methods by their place in the core.
 METHODS = {"gauss8": 1, "gauss16": 2, "gauss2": 3, "gauss3": 4} | {
     name: place + 4 for name, place in EXPLICIT.items()
