@@ -12,7 +12,7 @@ module viscovib_phases
   implicit none
   private
 
-  public :: phases_type, new_phases, split_phase, step_phase, turn_phase
+  public :: phases_type, new_phases, split_phase, step_phase, step_phases, turn_phase
 
   !> 2 pi in two parts.
   real(wp), parameter :: turn_high = 6.283185307179586_wp, turn_low = 2.4492935982947064e-16_wp
@@ -97,6 +97,14 @@ contains
     high = total + rest
     low = rest - (high - total)
   end subroutine step_phase
+
+  !> The same of some phases, here so that it is made part of the loop.
+  pure subroutine step_phases(n, high, low, step_high, step_low)
+    integer, intent(in) :: n
+    real(wp), intent(inout), dimension(n) :: high, low
+    real(wp), intent(in), dimension(n) :: step_high, step_low
+    call step_phase(high, low, step_high, step_low)
+  end subroutine step_phases
 
   !> A phase some quarter turns on.
   elemental subroutine turn_phase(high, low, quarters)

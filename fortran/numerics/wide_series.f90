@@ -20,7 +20,7 @@ module viscovib_wide_series
 
   public :: next_product, next_products, next_square, product_term, square_term
 
-  !> An even number of blocks.
+  !> A number of blocks that four divide.
   integer, parameter, public :: n_blocks = 4, n_wide = n_blocks*n_lanes
   !> Coefficients beyond it are held there.
   real(wp), parameter, public :: largest = 1.0e60_wp

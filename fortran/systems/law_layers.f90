@@ -13,6 +13,7 @@
 !! Approximation Practice, 2013, chapter 8.
 module viscovib_law_layers
   use viscovib_kinds, only: wp
+  use viscovib_lanes, only: n_lanes
   use viscovib_law_branches, only: signal_type
   use viscovib_law_functions, only: divide, f_acos, f_acosh, f_asin, f_asinh, f_atan, f_atan2, &
                                     f_atanh, f_cos, f_cosh, f_exp, f_log, f_sin, f_sinh, f_sqrt, &
@@ -41,6 +42,7 @@ module viscovib_law_layers
   contains
     procedure :: find
     procedure :: exist
+    procedure :: followed
     procedure :: thinness_at
   end type law_layers
 
@@ -96,6 +98,37 @@ contains
       thinness_at = max(thinness_at, thinness(self%layers(i), t, places, q, v, apart, most))
     end do
   end function thinness_at
+
+  !> Lanes of which all states together go so little far that those of each step need no look, as in
+  !! `thinness`.
+  function followed(self, n, t, q, v, most) result(lanes)
+    class(law_layers), intent(in) :: self
+    !> States of each lane; times and states of all of them, lane first; and as of `thinness`.
+    integer, intent(in) :: n
+    real(wp), intent(in) :: t(n_lanes*n), q(:, :), v(:, :), most
+    logical :: lanes(n_lanes)
+    real(wp) :: z(n_lanes*n), low(n_lanes), high(n_lanes), thinness
+    integer :: i, k, l
+
+    lanes = .true.
+    do i = 1, size(self%layers)
+      call self%layers(i)%operand%at(t, q, v, z)
+      low = z(:n_lanes)
+      high = low
+      do k = 1, n - 1
+        !GCC$ unroll 1
+        do l = 1, n_lanes
+          low(l) = min(low(l), z(n_lanes*k + l))
+          high(l) = max(high(l), z(n_lanes*k + l))
+        end do
+      end do
+      do l = 1, n_lanes
+        if (.not. lanes(l)) cycle
+        thinness = of_all(self%layers(i)%code, low(l), high(l))
+        lanes(l) = thinness > 0.0_wp .and. thinness <= most
+      end do
+    end do
+  end function followed
 
   !> The layers of a law.
   subroutine find_layers(law, layers)
@@ -172,31 +205,37 @@ contains
     call layer%operand%at(t, q, v, z)
     if (.not. apart) then
       call reach(places, z, low, high)
-      thinness = of_range(layer%code, z, low, high, doubt*(high - low))
+      thinness = of_range(layer%code, [minval(z), maxval(z)], low, high, doubt*(high - low))
       if (thinness > 0.0_wp .and. size(z) > 2) thinness = max(thinness, &
                                                         of_parabola(layer%code, places, z))
       return
     end if
     ! Where all values together are followed, those of each step are.
-    low = minval(z)
-    high = maxval(z)
-    thinness = of_range(layer%code, z, 1.5_wp*low - 0.5_wp*high, 1.5_wp*high - 0.5_wp*low, 0.0_wp)
+    thinness = of_all(layer%code, minval(z), maxval(z))
     if (thinness > 0.0_wp .and. thinness <= most) return
     thinness = 0.0_wp
     do i = 1, size(z) - 1
       first = max(i - 1, 1)
       last = min(i + 2, size(z))
       call reach(places(first:last), z(first:last), low, high)
-      thinness = max(thinness, of_range(layer%code, z(first:last), low, high, &
-                                        high - low))
+      thinness = max(thinness, of_range(layer%code, [minval(z(first:last)), &
+                                                     maxval(z(first:last))], low, high, high - low))
     end do
   end function thinness
+
+  !> The same of an operand of which all values in a row of steps are between two.
+  pure real(wp) function of_all(code, low, high) result(thinness)
+    integer, intent(in) :: code
+    real(wp), intent(in) :: low, high
+    thinness = of_range(code, [low, high], 1.5_wp*low - 0.5_wp*high, 1.5_wp*high - 0.5_wp*low, &
+                        0.0_wp)
+  end function of_all
 
   !> The same of an operand between two values.
   pure real(wp) function of_range(code, z, low, high, more) result(thinness)
     integer, intent(in) :: code
-    !> Values seen; the range between them, and how far it may go beyond.
-    real(wp), intent(in) :: z(:), low, high, more
+    !> Least and largest value seen; the range between all, and how far it may go beyond.
+    real(wp), intent(in) :: z(2), low, high, more
     real(wp) :: distance, seen
 
     thinness = 0.0_wp
@@ -215,13 +254,13 @@ contains
     case (f_tan)
       distance = beside*half_pi
     case (f_asin, f_acos, f_atanh)
-      seen = 1.0_wp - maxval(abs(z))
+      seen = 1.0_wp - max(-z(1), z(2))
       distance = ahead*(1.0_wp - max(high, -low))
     case (f_acosh)
-      seen = minval(z) - 1.0_wp
+      seen = z(1) - 1.0_wp
       distance = ahead*(low - 1.0_wp)
     case default
-      seen = max(minval(z), -maxval(z))
+      seen = max(z(1), -z(2))
       distance = ahead*max(low, -high)
     end select
     ! What passes a singularity ends the motion, which is told elsewhere.

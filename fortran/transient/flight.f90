@@ -165,10 +165,22 @@ contains
   subroutine before_step(f, i)
     type(flight_type), intent(inout) :: f
     integer(i8), intent(in) :: i
-    f%q_before(:, :) = f%q
-    f%v_before(:, :) = f%v
+    call keep(size(f%q, 2), f%q, f%v, f%q_before, f%v_before)
     if (f%past%is_due()) call f%past%note(real(i - 1, wp), f%q, f%v)
   end subroutine before_step
+
+  pure subroutine keep(n, q, v, q_before, v_before)
+    integer, intent(in) :: n
+    real(wp), intent(in), dimension(n_lanes, n) :: q, v
+    real(wp), intent(out), dimension(n_lanes, n) :: q_before, v_before
+    integer :: d, l
+    do d = 1, n
+      do l = 1, n_lanes
+        q_before(l, d) = q(l, d)
+        v_before(l, d) = v(l, d)
+      end do
+    end do
+  end subroutine keep
 
   !> What step i has brought: lanes in which the motion stops within it stand still from then on, of
   !! the others is gathered what is wanted.
@@ -213,13 +225,13 @@ contains
     logical, dimension(n_lanes) :: good, doubtful
     integer :: l
 
-    margin_before = f%margin
-    rate_before = f%rate
     good = made .and. size_in_range(f%n, f%q, f%v, system%range%coordinate, system%range%speed) &
            <= 1.0_wp
     doubtful = f%alive .and. .not. good
     ! Equations that hold everywhere have a margin that does not change.
     if (system%limited) then
+      margin_before = f%margin
+      rate_before = f%rate
       call measure_margin(f, system, block%h)
       least = least_between(margin_before, rate_before, f%margin, f%rate)
       if (f%method%table%implicit) least = min(least, f%method%margin_at_nodes(system))

@@ -10,7 +10,7 @@ module viscovib_taylor
   use viscovib_lane_motion, only: lane_motion_type
   use viscovib_lanes, only: n_lanes
   use viscovib_motion_series, only: motion_series, new_motion_series
-  use viscovib_phases, only: split_phase, step_phase
+  use viscovib_phases, only: split_phase, step_phases
   use viscovib_vector_math, only: sine_cosine_lanes
   use viscovib_wide_series, only: n_wide
   implicit none
@@ -76,7 +76,7 @@ contains
   subroutine step(self)
     class(taylor_type), intent(inout) :: self
     call self%step_in_room(self%room(self%first))
-    call step_phase(self%high, self%low, self%step_high, self%step_low)
+    call step_phases(n_wide, self%high, self%low, self%step_high, self%step_low)
   end subroutine step
 
   subroutine step_in_room(self, s)
@@ -204,14 +204,17 @@ contains
     class(taylor_type), intent(in) :: self
     integer, intent(in) :: block
     !> Shape (n_lanes, n_dof).
-    real(wp), intent(out) :: q(:, :), v(:, :)
+    real(wp), intent(out) :: q(n_lanes, self%series%n_dof), v(n_lanes, self%series%n_dof)
     logical, intent(out) :: made(n_lanes)
-    integer :: first, last
-    first = n_lanes*(block - 1) + 1
-    last = n_lanes*block
-    q = self%q(first:last, :)
-    v = self%v(first:last, :)
-    made = self%made(first:last)
+    integer :: before, d, l
+    before = n_lanes*(block - 1)
+    do d = 1, self%series%n_dof
+      do l = 1, n_lanes
+        q(l, d) = self%q(before + l, d)
+        v(l, d) = self%v(before + l, d)
+      end do
+    end do
+    made = self%made(before + 1:before + n_lanes)
   end subroutine get_block
 
   !> Let a lane of a block wait at rest from now on.
