@@ -186,8 +186,10 @@ def simulate_ensemble(
     _native.flag("progress", progress)
     length = _Length.checked(members, t_end, n_periods, discard, sections)
     members.discarded = length.discarded
-    cores = os.cpu_count() or 1
-    threads = cores if n_threads is None else _native.integer("n_threads", n_threads, 1, 4096)
+    if n_threads is None:
+        threads = os.cpu_count() or 1
+    else:
+        threads = _native.integer("n_threads", n_threads, 1, 4096)
     job = _Job(
         members,
         place,

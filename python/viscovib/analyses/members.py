@@ -216,7 +216,10 @@ class PolynomialMembers(Members):
         h, *asked, sections = given
         # Once in steps of some length, always: parts of steps are more exact than whole ones, so
         # that shorter steps would seem to err.
-        self._made_alone.update(runs[missed != 0].tolist())
+        if missed.any():
+            self._made_alone.update(runs[missed != 0].tolist())
+        if not self._made_alone:
+            return tuple(found)
         for k in np.flatnonzero([i in self._made_alone for i in runs.tolist()]):
             # Steps side by side may have jumped over thin layers of laws; by itself a run sees.
             i, here = int(runs[k]), slice(k, k + 1)
