@@ -136,6 +136,33 @@ def test_a_singular_kernel_sees_the_jump_to_another_load(loads):
     assert np.abs(np.array(ends) - ends[-1]).max() < 1e-13
 
 
+@pytest.mark.parametrize(
+    "kernel",
+    [
+        vv.RzhanitsynKernel(amplitude=0.0115, alpha=0.693, beta=0.02),
+        vv.RabotnovKernel(amplitude=0.05, alpha=0.5, beta=0.1),
+    ],
+)
+def test_slow_exponentials_of_a_structure_stay_under_other_loads(kernel):
+    """The sum that stands for a kernel is that of the first run, however far the next one goes."""
+    force = {"stiffness": 0.3, "kernel": kernel}
+    lone = vv.Structure(
+        mass=[2.0], stiffness=[[9.8]], damping=[[0.03]],
+        elements=[vv.Spring(on="x1", law="2*d^3", **force)],
+    )  # fmt: skip
+    same = vv.PolynomialSystem(
+        mass=2, stiffness=9.8, damping=0.03, springs=[vv.Springs(forces="2*x^3", **force)]
+    )
+    ends = []
+    for system in (lone, same):
+        run = vv.simulate(system, 3, dt=0.1, load={0: 0.1j})
+        for end in (6, 9):
+            run = vv.simulate(system, end, resume=run, load={0: 1j * end}, estimate_error=True)
+            assert run.error < 1e-9
+            ends.append(run.state[-1])
+    np.testing.assert_allclose(ends[:2], ends[2:], rtol=1e-10)
+
+
 def test_a_load_that_wakes_a_coordinate_left_out():
     """What stood still was not computed; now it moves, and remembers that it stood still."""
     body = vv.PolynomialSystem(

@@ -196,8 +196,7 @@ def _other_loads_of_structure(
     system = before.mount
     names = [system.dof_names[i] for i in before.places] if isinstance(system, Structure) else None
     motion = StructureMotion.checked(
-        system, max(end, before.end), None, run.method, load, nu, base, force, None,
-        before.memory, names,
+        system, before.end, None, run.method, load, nu, base, force, None, before.memory, names,
     )  # fmt: skip
     _check_base(motion, before, run.time)
     motion = replace(
