@@ -163,6 +163,15 @@ def test_slow_exponentials_of_a_structure_stay_under_other_loads(kernel):
     np.testing.assert_allclose(ends[:2], ends[2:], rtol=1e-10)
 
 
+def test_times_may_be_chosen_where_steps_hold_several_states():
+    body = chain(np.random.default_rng(3), PRONY)
+    run = vv.simulate(body, 3, load=0.3, nu=1.0)
+    assert run.step > run.t[1]
+    all_kept = vv.simulate(body, 6, resume=run)
+    some = vv.simulate(body, 6, resume=run, times=all_kept.t[[3, 8]])
+    np.testing.assert_allclose(some.state, all_kept.state[[3, 8]], atol=1e-13)
+
+
 def test_a_load_that_wakes_a_coordinate_left_out():
     """What stood still was not computed; now it moves, and remembers that it stood still."""
     body = vv.PolynomialSystem(

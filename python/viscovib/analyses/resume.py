@@ -273,7 +273,7 @@ def _ahead(run: Run, end: float, want: Wanted) -> tuple[int, Wanted]:
             raise InputError(
                 f"t_end = {end:g}: must be a whole number of steps {run.h:g} after {now:g}"
             )
-        if run.kept_of_step > 1 and want == Wanted():
+        if run.kept_of_step > 1 and want.no_choice:
             want = want.at(np.linspace(now, end, n * run.kept_of_step + 1))
         return n, want
     if not end > now:
@@ -285,7 +285,7 @@ def _ahead(run: Run, end: float, want: Wanted) -> tuple[int, Wanted]:
         run.mesh = replace(run.mesh, breaks=run.breaks)
     run.mesh = mesh = run.mesh.extended(end)
     if want.times is None and want.keep != "last":
-        parts = run.kept_of_step if want == Wanted() else 1
+        parts = run.kept_of_step if want.no_choice else 1
         wanted = np.arange(done * parts, mesh.count * parts + 1, want.every)
         want = want.at(mesh.finer(parts).times(wanted))
     return mesh.count - done, want

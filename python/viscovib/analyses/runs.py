@@ -51,7 +51,7 @@ class NotMetError(InputError):
     """A tolerance that no step met."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Wanted:
     """What is kept of a run."""
 
@@ -84,6 +84,11 @@ class Wanted:
         if np.any(np.diff(wanted) <= 0):
             raise InputError("times: must be strictly ascending")
         return cls(times=wanted)
+
+    @property
+    def no_choice(self) -> bool:
+        """Whether nothing was asked for, so that all states are kept."""
+        return self.times is None and self.every == 1 and self.keep == "all"
 
     def finer(self, factor: int) -> Wanted:
         """The same states of a run with so many times the steps."""
