@@ -8,6 +8,7 @@ module viscovib_hereditary_job
   use viscovib_hereditary, only: begun, hereditary_type, new_hereditary, no_exponentials, &
     past_direct, past_exponentials, step_too_large
   use viscovib_hereditary_run, only: run_hereditary
+  use viscovib_histories, only: error_of_sums
   use viscovib_kinds, only: i8, wp
   use viscovib_law_layers, only: unseen_by_node
   use viscovib_load, only: load_type
@@ -438,7 +439,7 @@ contains
       if (first == 0) cycle
       text = text//'computes: memory of '//things(first, 'force')//' with kernel '//show(k)//', '
       ! The step is not known before it is found; one of 1/4 tells the size.
-      call system%kernels(k)%exponentials(max(0.1_wp*job%tolerance, 1.0e-14_wp), &
+      call system%kernels(k)%exponentials(error_of_sums(0.1_wp*job%tolerance, least), &
                                                  least*table%points(1), reach*job%t_end, weights, &
                                                  rates)
       if (job%past == keep_direct .or. size(rates) == 0) then

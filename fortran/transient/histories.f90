@@ -10,7 +10,7 @@ module viscovib_histories
   implicit none
   private
 
-  public :: new_history, keeping_type
+  public :: error_of_sums, new_history, keeping_type
 
   integer, parameter, public :: past_exponentials = 1, past_direct = 2
 
@@ -20,6 +20,10 @@ module viscovib_histories
   !! of the relative velocity: like t^(1+alpha). At most, where a piece follows a much
   !! shorter one.
   integer, parameter :: corner_doublings = 14, kink_doublings = 21, most_doublings = 60
+
+  !> What a run of half the step leaves of the error of sums of exponentials: lattices of two runs
+  !! may coincide, and with them what they leave, which no difference of states would tell.
+  real(wp), parameter :: sharper = 0.25_wp
 
   !> How a run treats corners.
   type :: keeping_type
@@ -69,7 +73,7 @@ contains
     if (past == past_exponentials) then
       allocate (exponentials)
       call new_exponential_history(exponentials, system, channels, table, h, least, t_end, &
-                                   max(tolerance, 1.0e-14_wp), possible)
+                                   error_of_sums(tolerance, h), possible)
       call move_alloc(exponentials, history)
     else
       allocate (direct)
@@ -77,6 +81,12 @@ contains
       call move_alloc(direct, history)
     end if
   end subroutine new_history
+
+  !> Relative error of the sums for steps h.
+  elemental real(wp) function error_of_sums(tolerance, h) result(error)
+    real(wp), intent(in) :: tolerance, h
+    error = max(merge(sharper, 1.0_wp, modulo(exponent(h), 2) == 1)*tolerance, 1.0e-14_wp)
+  end function error_of_sums
 
   !> A corner, where steps before are followed by steps h.
   subroutine turn(self, before, h)

@@ -31,6 +31,30 @@ def test_reference_values(mount, case, memory):
     assert np.abs(run.state[-1, ::2] - expected).max() < (1e-12 if case["nonlinear"] else 1e-13)
 
 
+@pytest.mark.parametrize(
+    "kernel",
+    [
+        vv.AbelKernel(amplitude=0.1, alpha=0.2),
+        vv.RabotnovKernel(amplitude=0.3, alpha=0.5, beta=1.0),
+        vv.RzhanitsynKernel(amplitude=0.1, alpha=0.3, beta=0.05),
+    ],
+)
+@pytest.mark.filterwarnings("ignore::viscovib.StabilityWarning")
+def test_the_error_tells_what_sums_of_exponentials_leave(kernel):
+    """Their lattices coincide in steps h and h/2 where a spacing is log(2)."""
+    body = vv.Mount(
+        mass=1.9, inertia=0.3, offset=0.4, stiffness_x=9, stiffness_phi=3, kernel=kernel
+    )
+
+    def run(tolerance):
+        return vv.simulate(body, 5, load=[0.3, 0], nu=1.1, tolerance=tolerance, times=[2.5, 5])
+
+    right = run(1e-12).state
+    for tolerance in (1e-3, 1e-4, 5e-5, 1e-5):
+        told = run(tolerance)
+        assert np.abs(told.state - right).max() < 2 * told.error < 2 * tolerance
+
+
 def test_step_found_by_tolerance(mount):
     for tolerance in (1e-6, 1e-10):
         run = vv.simulate(mount(), 100, load=0.5, nu=1.5, tolerance=tolerance)
