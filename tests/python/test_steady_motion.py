@@ -5,6 +5,7 @@ import warnings
 import numpy as np
 import pytest
 import viscovib as vv
+from scipy.integrate import solve_ivp
 
 SPRINGS = np.array([[1.0, -1.0], [-1.0, 2.0]])
 #: NLvib's example 03 (Krack and Gross).
@@ -272,10 +273,14 @@ def test_crossings_beside_a_gap():
     near = [-1.7437, -0.5182, -0.6096, 0.2772]
     found = []
     for options in ({"max_step": 0.05}, {"method": "gauss16", "max_step": 0.1}):
-        branch = vv.trace_motion(MASSES, (0.755, 0.757), load=[0, 0.1], initial=near, **options)
+        with warnings.catch_warnings(record=True) as told:
+            warnings.simplefilter("always")
+            branch = vv.trace_motion(MASSES, (0.755, 0.757), load=[0, 0.1], initial=near, **options)
+        # Beside the fold errors at a frequency are enlarged, and told.
+        above = "above tolerance = 1e-10 at" in "".join(str(one.message) for one in told)
+        assert above == (branch.error > 1e-10).any()
         assert branch.outcome == "completed"
         assert [one.kind for one in branch.crossings] == ["period doubling", "fold"]
-        # Beside the fold errors at a frequency are enlarged.
         assert (branch.error < 1e-8).all()
         found.append([one.parameter for one in branch.crossings])
         i = branch.crossings[0].before
@@ -338,18 +343,75 @@ def test_errors_hold():
 
 
 def test_errors_hold_beside_grazing():
-    """Where a branch ends beside a second impact its last point is as far off as it says."""
+    """Where a second impact begins points on both sides are as far off as they say."""
     stop = vv.Structure(
         mass=[[1.0]], stiffness=[[1.63745879]], damping=[[0.08857668]],
         elements=[vv.Gap(on={"x1": 1}, gap=0.2439147705970441, restitution=0.6849081537033621)],
     )  # fmt: skip
     load = 0.4015211800778118
     branch = vv.trace_motion(stop, (1.07223939895988, 0.857791519167904), load=load, max_step=0.2)
-    assert branch.outcome == "stuck"
-    nu, state = branch.nu[-1], branch.state[-1]
-    exact = vv.steady_motion(stop, nu, load=load, initial=state, tolerance=1e-12)
-    apart = np.abs((state - exact.state[0]) * [1, 1 / nu]).max()
-    assert apart <= 1.1 * (branch.error[-1] + exact.error)
+    (corner,) = np.flatnonzero(np.diff(branch.passages))
+    for i in (corner, corner + 1):
+        nu, state = branch.nu[i], branch.state[i]
+        exact = vv.steady_motion(stop, nu, load=load, initial=state, tolerance=1e-12)
+        apart = np.abs((state - exact.state[0]) * [1, 1 / nu]).max()
+        assert apart <= 1.1 * (branch.error[i] + exact.error)
+
+
+@pytest.mark.parametrize("span", [(0.551, 1.739), (1.739, 0.551)])
+def test_branch_turns_back_where_impacts_begin(span):
+    """Below the place where the linear motion reaches the stop there are motions with impacts."""
+    k, c, force, gap = 0.982, 0.287, 0.228, 0.25
+    stop = vv.Structure(
+        mass=[[1.0]], stiffness=[[k]], damping=[[c]],
+        elements=[vv.Gap(on="x1", gap=gap, restitution=0.63)],
+    )  # fmt: skip
+    branch = vv.trace_motion(stop, span, load=force, max_step=0.1)
+    # |k - nu^2 + i c nu| = force/gap.
+    half = k - c**2 / 2
+    grazed = np.sqrt(half + np.sqrt(half**2 - k**2 + (force / gap) ** 2))
+    assert branch.outcome == "completed"
+    assert branch.grazings == pytest.approx(grazed, abs=1e-10)
+    # The branch turns back twice: where it grazes, and where motions with impacts end.
+    assert np.sort(branch.folds)[0] == pytest.approx(grazed, abs=1e-10)
+    assert np.sort(branch.folds)[1] == pytest.approx(1.502277916028, abs=1e-10)
+    assert (branch.passages[branch.nu > 1.51] == 0).all()
+
+
+def test_grazing_of_a_stiff_spring():
+    """Within 1e-6 behind grazing the tangent turns by a right angle; nothing is stuck there."""
+    spring = vv.PolynomialSystem(mass=1, stiffness=1, damping=0.1, forces="60*max(x - 0.1, 0)")
+    branch = vv.trace_motion(
+        spring, (0.37, 0.3695), load=1, initial=[-0.09957, -0.55700], max_step=0.1
+    )
+    assert branch.outcome == "completed"
+    assert branch.parameter.size < 100
+    assert branch.folds == pytest.approx(branch.grazings, abs=1e-8)
+    (i,) = np.flatnonzero(np.diff(branch.passages))
+    for place in (i, -1):
+        last, passed = from_contact_to_contact(branch.nu[place], branch.state[place])
+        assert last == pytest.approx(branch.state[place], abs=1e-11)
+        assert passed == branch.passages[place]
+
+
+def from_contact_to_contact(nu, state):
+    """The end of a period beside the spring above, by SciPy, and the number of switches."""
+    t, end, passed, touching = 0.0, 2 * np.pi / nu, 0, state[0] > 0.1
+    while t < end:
+
+        def rates(t, y, k=60 * touching):
+            return [y[1], np.sin(nu * t) - y[0] - 0.1 * y[1] - k * (y[0] - 0.1)]
+
+        def surface(t, y):
+            return y[0] - 0.1
+
+        surface.terminal, surface.direction = True, -1 if touching else 1
+        found = solve_ivp(
+            rates, (t, end), state, "DOP853", events=surface, rtol=1e-12, atol=1e-14, max_step=0.05
+        )
+        t, state = found.t[-1], found.y[:, -1]
+        touching, passed = touching != (found.status == 1), passed + (found.status == 1)
+    return state, passed
 
 
 def test_branch_as_by_harmonics():

@@ -5,6 +5,7 @@ What is followed stands in `motion_path`, what happens on the way in `motion_cro
 
 from __future__ import annotations
 
+import warnings
 from functools import partial
 from itertools import pairwise
 
@@ -27,7 +28,8 @@ from viscovib.analyses.shooting import (
     motion_of,
     repeats_after,
 )
-from viscovib.errors import InputError
+from viscovib.common.counts import things
+from viscovib.errors import ConvergenceWarning, InputError, caller
 from viscovib.results.curves import Crossing
 from viscovib.results.motion_branch import MotionBranch
 from viscovib.results.steady_motion import SteadyMotion
@@ -37,6 +39,8 @@ from viscovib.systems.structure import Structure
 
 #: Steps along the branch: the first, the longest and the shortest, in units of z.
 _FIRST_STEP, _SHORTEST = 0.005, 1e-9
+#: Steps so short may be at a corner.
+_CORNER = 1e-7
 #: Cosine of the angle between two tangents: shorter steps below, longer ones above.
 _BENT, _STRAIGHT = 0.97, 0.998
 #: Iterations after which steps may become longer.
@@ -84,6 +88,12 @@ def trace_motion(
     -------
     MotionBranch
 
+    Warns
+    -----
+    ConvergenceWarning
+        If the branch ends where no step leads on, if something on the way could not be located, or
+        if errors are above what is wanted.
+
     Notes
     -----
     Pseudo-arclength continuation (Keller 1977) of P(y, p) = y. Between two points a fold is where
@@ -92,7 +102,9 @@ def trace_motion(
     point where that of all products m_i m_j - 1 of multipliers is 0 by a pair that is not real
     (Kuznetsov, Elements of Applied Bifurcation Theory, 10.2), grazing where the number of switches
     changes. Where more multipliers pass the unit circle than these tell, the way between two
-    points is halved. What comes and goes between two points is not seen: take a smaller
+    points is halved. Where a rigid stop is grazed the branch has a corner: it goes on where the
+    derivatives behind it have no change, in the direction that keeps the sign of their determinant.
+    What comes and goes between two points is not seen: take a smaller
     ``max_step``.
 
     Examples
@@ -133,7 +145,34 @@ def trace_motion(
             "are next to it there, as where friction holds a mass for good, or at a fold: begin "
             "elsewhere"
         )
-    return _branch(system, path, points, outcome, periods)
+    branch = _branch(system, path, points, outcome, periods)
+    _warn_of_doubts(branch, path, points, wanted)
+    return branch
+
+
+def _warn_of_doubts(
+    branch: MotionBranch, path: MotionPath, points: list[MotionPoint], wanted: Accuracy
+) -> None:
+    """Tell why a branch ends early, what is not located, and where errors are above the wanted."""
+    at, told = path.way.varies, []
+    if branch.outcome == "stuck":
+        told.append(
+            f"the branch ends at {at} = {branch.parameter[-1]:.9g}: no step leads on"
+            + path.switches_ahead(points[-1])
+        )
+    if branch._lost:
+        told.append(f"{things(branch._lost, 'place')} on the way could not be located (nan, None)")
+    allowed = [allowed_of(wanted, path.mapping, point.z[:-1] * path.units[:-1]) for point in points]
+    above = np.flatnonzero(~(branch.error <= allowed))
+    if above.size:
+        worst = int(above[np.nan_to_num(branch.error[above], nan=np.inf).argmax()])
+        told.append(
+            f"the error is above {wanted} at {things(above.size, 'point')}, most "
+            f"({branch.error[worst]:.1e}) at {at} = {branch.parameter[worst]:.9g}: steps are those "
+            "of the beginning of the branch: give a smaller tolerance, or begin there"
+        )
+    for sentence in told:
+        warnings.warn(f"trace_motion: {sentence}", ConvergenceWarning, stacklevel=caller())
 
 
 def _follow(
@@ -149,13 +188,23 @@ def _follow(
     points = [first._replace(tangent=first.tangent * ahead * np.sign(first.tangent[-1]))]
     step = min(_FIRST_STEP, longest)
     end = way.finish / units[-1]
+    at_corner: MotionPoint | None = None
     while len(points) < most:
         here = points[-1]
         new = path.correct(here.z + step * here.tangent, here.tangent)
-        cosine = -1.0 if new is None else float(new.tangent @ here.tangent)
+        cosine = -1.0 if new is None else _cosine(here, new)
+        # Another part of the branch, that runs the other way, is no branch point.
+        if new is not None and here.turn_of_way != new.turn_of_way:
+            new = new if step <= _FIRST_STEP and new.passed == here.passed else None
         # Beside a kink the tangent turns however short a step is.
         if new is None or (cosine < _BENT and step > 1e3 * _SHORTEST):
             step *= 0.5
+            if step < _CORNER and here is not at_corner:
+                at_corner = here
+                new = path.round_corner(here)
+                if new is not None:
+                    points.append(new)
+                    step = _CORNER
             if step < _SHORTEST:
                 return points, "stuck"
             continue
@@ -176,6 +225,13 @@ def _follow(
         if cosine > _STRAIGHT and new.turns <= _EASY:
             step = min(1.6 * step, longest * max(1.0, float(np.abs(new.z[:-1]).max())))
     return points, "points"
+
+
+def _cosine(one: MotionPoint, other: MotionPoint) -> float:
+    """Of the largest angle between the tangents of two points and the way from one to the other."""
+    chord = other.z - one.z
+    chord = chord / np.linalg.norm(chord)
+    return float(min(one.tangent @ other.tangent, one.tangent @ chord, other.tangent @ chord))
 
 
 def _branch(

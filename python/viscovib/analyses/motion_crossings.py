@@ -12,6 +12,9 @@ from viscovib.analyses.motion_path import MotionPath, MotionPoint
 
 #: How near to each other the ends are between which a crossing is located, as a part of the way.
 _NEAR = 1e-13
+#: How near to each other motions on both sides are, and how near to 0 what changes its sign, as a
+#: part of what it was: else what is found is a corner of the branch.
+_CLOSE, _JUMP = 1e-10, 1e-3
 #: Halvings of the way between two points, where what is found does not tell what has changed.
 _MOST_HALVINGS = 6
 #: Points beside a place where nothing is found, and how well what they tell must agree.
@@ -109,7 +112,12 @@ def events(
             return [e._replace(part=e.part / 2) for e in first] + [
                 e._replace(part=(1 + e.part) / 2) for e in second
             ]
-    return sorted([*found, *_grazings(path, one, other)], key=lambda event: event.part)
+    grazings = _grazings(path, one, other)
+    if len(grazings) == 1:
+        # Where the branch has a corner, what is between no two motions is there.
+        at = grazings[0]
+        found = [e if e.point is not None else at._replace(kind=e.kind) for e in found]
+    return sorted([*found, *grazings], key=lambda event: event.part)
 
 
 def _outside(point: MotionPoint, blur: float) -> float:
@@ -129,12 +137,36 @@ def _grazings(path: MotionPath, one: MotionPoint, other: MotionPoint) -> list[Ev
             return 1.0 if point.passed == ahead.passed else -1.0
 
         event = _located(path, one, ahead, "grazing", function, seen)
+        if event.point is None:
+            event = event._replace(point=_last_before_corner(path, one, ahead))
         found.append(event._replace(part=event.part * part))
         if event.point is None or -1 not in seen:
             break
         part *= seen[-1][0]
         ahead = seen[-1][1]
     return found
+
+
+def _last_before_corner(
+    path: MotionPath, one: MotionPoint, other: MotionPoint
+) -> MotionPoint | None:
+    """The last motion with the switches of one of two points on the way to the other.
+
+    Where an impact begins, the branch has a corner, and no motions are across the way between
+    points on both sides of it. From the side without it the branch is smooth up to there.
+    """
+    begin = one if one.passed < other.passed else other
+    reach = float(np.linalg.norm(other.z - one.z))
+    ahead = begin.tangent if begin is one else -begin.tangent
+    last, there, beyond = begin, 0.0, 2.0 * reach
+    while beyond - there > _NEAR * max(1.0, float(np.abs(begin.z).max())):
+        middle = 0.5 * (there + beyond)
+        point = path.correct(begin.z + middle * ahead, ahead)
+        if point is not None and point.passed == begin.passed:
+            last, there = point, middle
+        else:
+            beyond = middle
+    return last if there > 0 and beyond < 2.0 * reach else None
 
 
 def _located(
@@ -165,7 +197,12 @@ def _located(
         part = brentq(value, 0.0, 1.0, xtol=_NEAR, rtol=4 * float(np.finfo(float).eps))
     except _LostError:
         return _interpolated(path, one, other, kind, function)
-    return Event(kind, float(part), last)
+    near = [point for _, point in seen.values()]
+    corner = float(np.abs(near[0].z - near[-1].z).max()) > _CLOSE
+    if kind != "grazing":
+        left = min(abs(function(point)) for point in near)
+        corner = corner or left > _JUMP * max(abs(function(one)), abs(function(other)))
+    return Event(kind, float(part), None if corner else last)
 
 
 def _interpolated(

@@ -35,9 +35,9 @@ class Crossing:
     "symmetry breaking", "period doubling" or "Neimark-Sacker"; ``before`` is the index of the last
     point before it. ``parameter`` and ``coefficients`` (shape (n_dof, m), not for the pendulum):
     where, and the motion there; None where that was not found. ``sure``: whether the stability of
-    both points beside it is known. Where harmonics are too few to tell it (``stable`` is None
-    there), the crossing is one of the motion as it is: the whole motion may change its stability
-    elsewhere, or in another way.
+    both points beside it is known. Where it is not (``stable`` is None there), as harmonics are too
+    few to tell it or a multiplier is too near to the unit circle, the crossing is one of the motion
+    as it is: the whole motion may change its stability elsewhere, or in another way.
 
     Examples
     --------
@@ -64,7 +64,7 @@ class Crossing:
     def __str__(self) -> str:
         """Say what changes where, with points counted from 1."""
         place = "" if self.parameter is None else f" at {self.parameter:.15g}"
-        unsure = "" if self.sure else " (not sure: too few harmonics)"
+        unsure = "" if self.sure else " (not sure: stability beside it is unknown)"
         return f"stability changes after point {self.before + 1}: {self.kind}{place}{unsure}"
 
 

@@ -47,7 +47,9 @@ class MotionBranch(Result):
         Estimated largest error of each state, velocities divided by ``nu``.
     folds, grazings : ndarray
         Where the branch turns back; and where a switch comes or goes, as a contact does that only
-        grazes. Located to rounding, which folds and multipliers beside them enlarge.
+        grazes. Located to rounding, which folds and multipliers beside them enlarge; nan where that
+        fails, which a warning tells. At a rigid stop a branch has a corner where it grazes: a fold
+        may be there, and a change of stability.
     crossings : tuple of Crossing
         Where stability changes: "fold", "branch point", "period doubling", "Neimark-Sacker".
     outcome : str
@@ -97,6 +99,12 @@ class MotionBranch(Result):
         return tuple(self.system.dof_names)
 
     @property
+    def _lost(self) -> int:
+        """How much of what happens on the way is not located."""
+        lost = sum(one.parameter is None for one in self.crossings)
+        return lost + int(np.isnan(self.grazings).sum())
+
+    @property
     def label(self) -> str:
         """What varies, for the axis of a picture."""
         if self.varies == "nu":
@@ -113,6 +121,7 @@ class MotionBranch(Result):
         return (
             f"{self.outcome}, {things(self.parameter.size, 'point')}, "
             f"{things(self.folds.size, 'fold')}, {things(self.grazings.size, 'grazing')}"
+            + (f", {self._lost} not located" if self._lost else "")
             + self._sooner()
         )
 
