@@ -279,8 +279,10 @@ contains
     real(wp), intent(in) :: t, q(:)
     real(wp), intent(inout) :: v(:)
     integer, intent(inout) :: sides(:)
-    real(wp) :: d(1), n(size(q)), b(size(q)), away, press, height, lost
+    real(wp) :: d(1), n(size(q)), b(size(q)), away, press, height, lost, times(n_lanes)
     real(wp), dimension(n_lanes, self%n_dof) :: a
+    !> So long a flight rises no further than rounding of what the motion falls in a step.
+    real(wp), parameter :: soon = sqrt(8.0_wp*epsilon(1.0_wp))
 
     associate (element => self%laws%elements(self%laws%element_of(k)), which => self%laws%which(k))
       d = self%laws%deflection(self%laws%element_of(k), reshape(q, [1, size(q)]))
@@ -299,10 +301,11 @@ contains
       call push_on(self%laws, k, v, sides)
       sides(k) = 1
       call self%take_sides(sides)
-      call self%acceleration(spread(q, 1, n_lanes), spread(v, 1, n_lanes), &
-                             self%drive_at(spread(t, 1, n_lanes)), a)
+      times = t + [0.0_wp, spread(soon*self%step_length, 1, n_lanes - 1)]
+      call self%acceleration(spread(q, 1, n_lanes), spread(v, 1, n_lanes), self%drive_at(times), a)
       away = dot_product(n, v)
-      press = -dot_product(n, a(1, :))
+      ! A load that only begins to push is behind its first instant.
+      press = -min(dot_product(n, a(1, :)), dot_product(n, a(2, :)))
       ! Beside the gap, or what the motion falls in a step.
       height = max(abs(element%gap), abs(press)*self%step_length**2)
       if (allocated(self%frame)) height = max(height, self%frame%sum_of_sizes(q, n))

@@ -356,3 +356,23 @@ def test_chosen_coordinates_are_those_of_the_whole_motion(n, kernel):
         assert ends[0].tobytes() == ends[1][kept].tobytes()
     with pytest.raises(vv.InputError, match=r"coordinates: 'y' must be one of"):
         vv.simulate(system, 8, coordinates=["y"], **given)
+
+
+@pytest.mark.parametrize("dt", [0.5, 0.1, 0.01])
+def test_contact_begins_at_rest(dt):
+    """A load that begins to push at t = 0 holds the mass against a stop without a gap."""
+    nu = 1.3
+    stop = vv.Structure(
+        mass=[[1.0]], stiffness=[[1.0]], damping=[[0.1]],
+        elements=[vv.Gap(on="x1", gap=0.0, restitution=0.5)],
+    )  # fmt: skip
+    t_end = np.pi / nu + 1.0
+    run = vv.simulate(stop, t_end, dt=dt, load=1.0, nu=nu)
+    assert run.outcome == "completed"
+    assert np.abs(run.state[run.t < np.pi / nu]).max() == 0
+    exact = solve_ivp(
+        lambda t, y: [y[1], np.sin(nu * t) - y[0] - 0.1 * y[1]], (np.pi / nu, t_end), [0.0, 0.0],
+        "DOP853", rtol=1e-12, atol=1e-14,
+    ).y[:, -1]  # fmt: skip
+    assert run.t[-1] == pytest.approx(t_end)
+    assert run.state[-1] == pytest.approx(exact, abs=1e-9)
