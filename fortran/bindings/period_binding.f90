@@ -82,6 +82,7 @@ subroutine polynomial_period(flat, n_flat, orders, series, n_rows, n_series, nu,
     last(2:2*n:2) = stepper%v(:n)
     last(2*n + 1:) = stepper%v(n + 1:)
     ! Of all coordinates, then of all velocities, the place of each number of the state.
+    allocate (place(2*n + motion%n_hidden))
     place = [([i, motion%n_dof + i], i=1, n), (motion%n_dof + i, i=n + 1, motion%n_dof)]
     allocate (whole(2*motion%n_dof, 2*motion%n_dof))
     whole(:motion%n_dof, :) = beside%q

@@ -67,7 +67,7 @@ subroutine lattice_orders(n_axes, bound, max_orders, orders, n_orders)
   integer(c_int), intent(in) :: n_axes, bound, max_orders
   integer(c_int), intent(out) :: orders(n_axes, max_orders), n_orders
   integer, allocatable :: found(:, :)
-  found = lattice(n_axes, bound)
+  allocate (found, source=lattice(n_axes, bound))
   n_orders = size(found, 2)
   orders = 0
   if (n_orders <= max_orders) orders(:, :n_orders) = found
