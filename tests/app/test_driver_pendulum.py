@@ -108,8 +108,8 @@ def test_quasi_periodic_branch_of_a_scene(solve, tmp_path):
     with pytest.warns(vv.ConvergenceWarning, match="4 orders leave an estimated"):
         branch = vv.run(scene).branch
     assert branch.axes == ("p1", "p2")
-    assert rows[0][:3] == ["p1", "omega_1", "omega_2"]
-    assert len(rows[0]) == 3 + 6 * len(branch.orders)
+    assert rows[0][:4] == ["p1", "omega_1", "omega_2", "error"]
+    assert len(rows[0]) == 4 + 6 * len(branch.orders)
     column = rows[0].index("phi_1,-2_re")
     values = np.array([float(row[column]) for row in rows[1:]])
     place = branch.orders.tolist().index([1, -2])
