@@ -370,3 +370,16 @@ def test_rest_and_a_mean_alone_tell_their_error(method, forces, load):
     assert (r.error < 1e-9).all()
     assert (r.error == 0).all() or load != 0
     assert (r.to_dataset().error == r.error).all()
+
+
+@pytest.mark.parametrize("elements", [[], [vv.Spring(on="x2", law="d^3")]])
+@pytest.mark.parametrize("method", ["linear", "newton"])
+def test_a_structure_under_no_load_is_at_rest(elements, method):
+    """Its linear response keeps no orders at all."""
+    pair = vv.Structure(
+        mass=[1, 1], stiffness=[[2, -1], [-1, 2]], damping=[0.1, 0.1], elements=elements
+    )
+    r = vv.forced_response(pair, [0.7, 1.3], load=0, method=method)
+    assert r.complete
+    assert r.coefficients.shape == (2, 2, r.harmonics.size)
+    assert r.to_dataset().sizes["nu"] == 2

@@ -347,8 +347,9 @@ class LoadedStructure:
         ``factors``: of the load at each motion.
         """
         factors = np.ones(nu.size) if factors is None else factors
-        if not nu.size:
-            return np.empty((0, len(places), orders.size), dtype=complex)
+        if not nu.size * orders.size:
+            # No motions, or no orders, as where nothing acts on a linear structure.
+            return np.empty((nu.size, len(places), orders.size), dtype=complex)
         c, rest = self.condensation, self.condensation.rest
         u = np.full((nu.size, len(places), orders.size), np.nan, dtype=complex)
         shapes, left = rest.shapes[places].T, rest.left[places].T
