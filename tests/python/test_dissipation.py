@@ -133,8 +133,7 @@ def _integrated(system, nu, k, y):
     named["max"] = np.maximum
     work = [((v @ np.asarray(system.damping)) * v).sum(axis=1)]
     for part in (system, *system.springs):
-        given = part._given_stiffness if part is system else part.stiffness
-        stiffness = np.zeros((2, 2)) if given is None else np.asarray(given)
+        stiffness = np.zeros((2, 2)) if part.stiffness is None else np.asarray(part.stiffness)
         power = ((u @ stiffness.T) * v).sum(axis=1)
         for name, law in (part.forces or {}).items():
             power = power + eval(law.replace("^", "**"), {}, named) * named[f"{name}_dot"]

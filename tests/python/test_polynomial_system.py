@@ -1,5 +1,7 @@
 """Responses of polynomial systems against shooting by scipy, closed forms and the mount."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 import viscovib as vv
@@ -279,3 +281,13 @@ def test_solutions_of_random_systems_satisfy_their_equations(seed):
             assert residual(system, load, r.nu[i], r.harmonics, x, 2 * degree + 2) < 1e-10
             found += 1
     assert found >= 6
+
+
+@pytest.mark.parametrize("forces", ["tanh(2*x)", "2*x + x^3"])
+def test_stiffness_as_given(forces):
+    """What is shown, typed in again, is the same system: forces keep what is linear in them."""
+    system = vv.PolynomialSystem(mass=1, stiffness=1, damping=0.1, forces=forces)
+    assert system.stiffness == [[1.0]]
+    again = eval(repr(system), {"PolynomialSystem": vv.PolynomialSystem, "array": np.array})
+    for one in (system, again, dataclasses.replace(system, mass=1.0)):
+        assert one.natural_frequencies() == pytest.approx([np.sqrt(3)], rel=1e-15)

@@ -144,7 +144,7 @@ def _together(
 ) -> ManySystems:
     values = {name: np.full(n, x) for name, x in (system.parameters or {}).items()}
     values.update(parameters)
-    given = [(system.__dict__["_given_stiffness"], system.forces)]
+    given = [(system.stiffness, system.forces)]
     given += [(one.stiffness, one.forces) for one in system.springs]
     d = len(system.dof_names)
     groups = []

@@ -46,8 +46,8 @@ class PolynomialSystem:
     """M u'' + C u' + sum_g (1 - R_g*) [K_g u + f_g(u, u')] = load(t).
 
     All forces stand on the left, as stiffness does: a hardening spring has positive
-    coefficients. Linear terms in ``forces`` add to the stiffness, and without a kernel to the
-    damping.
+    coefficients. Linear terms in ``forces`` add to ``stiffness``, which stays as it was given, and
+    without a kernel to the damping.
 
     Parameters
     ----------
@@ -149,13 +149,12 @@ class PolynomialSystem:
         rates = [f"{name}_dot" for name in self.dof_names]
         values = parameter_values(self.parameters, (*self.dof_names, *rates))
         self._set("parameters", values or None)
-        self._set("_given_stiffness", self.stiffness)
         groups = [spring_group("", own, self.dof_names, values)]
         for i, springs in enumerate(self.springs):
             if not isinstance(springs, Springs):
                 raise InputError(f"springs[{i}] = {_native.shown(springs)}: must be Springs")
             groups.append(spring_group(f"springs[{i}].", springs, self.dof_names, values))
-        self._set("stiffness", groups[0].stiffness)
+        self._set("stiffness", square_matrix("stiffness", self.stiffness, n))
         self._set("groups", tuple(groups))
         if self.base_direction is not None:
             direction = _native.real_array("base_direction", self.base_direction).copy()
@@ -177,16 +176,13 @@ class PolynomialSystem:
 
     def _with_parameter(self, name: str, value: float) -> PolynomialSystem:
         """Return the system with another value of one of its parameters."""
-        given: Any = self.__dict__["_given_stiffness"]
-        values = {**(self.parameters or {}), name: value}
-        return replace(self, stiffness=given, parameters=values)
+        return replace(self, parameters={**(self.parameters or {}), name: value})
 
     def _with_slopes_of(self, other: PolynomialSystem) -> PolynomialSystem:
         """Return the same system, of whose laws another stiffness and damping stands apart."""
         found = copy(self)
         pairs = zip(self.groups, other.groups, strict=True)
         found._set("groups", tuple(own.with_slopes_of(group) for own, group in pairs))
-        found._set("stiffness", found.groups[0].stiffness)
         kind = type(found)
         for name in list(found.__dict__):
             if isinstance(getattr(kind, name, None), cached_property):
