@@ -10,7 +10,7 @@ subroutine polynomial_ensemble(flat, n_flat, n_systems, orders, series, n_rows, 
                                initial, h, method, n_steps, n_discard, ahead, sample_every, &
                                section_every, n_sections, n_moments, n_exponents, lines, n_lines, &
                                n_section_runs, cancel, state, ended, t_reached, peak, mean, rms, &
-                               amplitudes, sections, lyapunov, missed, status)
+                               amplitudes, sections, lyapunov, lyapunov_error, missed, status)
   use, intrinsic :: iso_c_binding, only: c_double, c_double_complex, c_int, c_long
   use viscovib_binding_tools, only: make_load, report
   use viscovib_ensemble, only: blocks_of, check_method, ensemble_block, ensemble_job, &
@@ -33,7 +33,8 @@ subroutine polynomial_ensemble(flat, n_flat, n_systems, orders, series, n_rows, 
   real(c_double), intent(in) :: initial(2*n_rows - 2, n), h(n), lines(n_lines)
   integer(c_int), intent(inout) :: cancel(1)
   real(c_double), intent(out), dimension(2*n_rows - 2, n_moments) :: peak, mean, rms
-  real(c_double), intent(out) :: state(2*n_rows - 2, n), lyapunov(n_exponents, n)
+  real(c_double), intent(out) :: state(2*n_rows - 2, n)
+  real(c_double), intent(out), dimension(n_exponents, n) :: lyapunov, lyapunov_error
   complex(c_double_complex), intent(out) :: amplitudes(n_rows - 1, n_lines, n)
   real(c_double), intent(inout) :: sections(2*n_rows - 2, n_sections, n_section_runs)
   integer(c_int), intent(out) :: ended(n), missed(n), status
@@ -94,7 +95,7 @@ subroutine polynomial_ensemble(flat, n_flat, n_systems, orders, series, n_rows, 
         if (blocks(b)%missed(l)) missed(first + l - 1) = 1
       end do
       call empty_block(blocks(b), first, state, ended, t_reached, peak, mean, rms, amplitudes, &
-                       sections, lyapunov)
+                       sections, lyapunov, lyapunov_error)
     end do
     if (is_set(cancel(1))) exit
   end do

@@ -35,10 +35,11 @@ contains
 
   !> What was learnt, handed to the runs from `first` on; results not wanted have no columns.
   subroutine empty_block(block, first, state, ended, t_reached, peak, mean, rms, amplitudes, &
-                         sections, lyapunov)
+                         sections, lyapunov, lyapunov_error)
     type(ensemble_block), intent(in) :: block
     integer, intent(in) :: first
-    real(c_double), intent(inout), dimension(:, :) :: state, peak, mean, rms, lyapunov
+    real(c_double), intent(inout), dimension(:, :) :: state, peak, mean, rms
+    real(c_double), intent(inout), dimension(:, :) :: lyapunov, lyapunov_error
     integer(c_int), intent(inout) :: ended(:)
     real(c_double), intent(inout) :: t_reached(:), sections(:, :, :)
     complex(c_double_complex), intent(inout) :: amplitudes(:, :, :)
@@ -57,7 +58,10 @@ contains
       end if
       if (size(amplitudes, 2) > 0) amplitudes(:, :, i) = transpose(block%lines(l, :, :))
       if (size(sections, 3) > 0) sections(:, :, i) = block%sections(l, :, :)
-      if (size(lyapunov, 1) > 0) lyapunov(:, i) = block%lyapunov(l, :)
+      if (size(lyapunov, 1) > 0) then
+        lyapunov(:, i) = block%lyapunov(l, :)
+        lyapunov_error(:, i) = block%lyapunov_error(l, :)
+      end if
     end do
   end subroutine empty_block
 

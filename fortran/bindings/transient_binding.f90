@@ -100,7 +100,8 @@ end subroutine pendulum_simulate
 subroutine pendulum_ensemble(flat, n, initial, h, method, n_steps, n_discard, ahead, &
                              sample_every, section_every, n_sections, n_moments, n_exponents, &
                              lines, n_lines, n_section_runs, cancel, state, ended, t_reached, &
-                             peak, mean, rms, amplitudes, sections, lyapunov, status)
+                             peak, mean, rms, amplitudes, sections, lyapunov, lyapunov_error, &
+                             status)
   use, intrinsic :: iso_c_binding, only: c_double, c_double_complex, c_int, c_long
   use viscovib_binding_tools, only: make_pendulum, report
   use viscovib_ensemble, only: check_method, ensemble_block, ensemble_job, run_block
@@ -116,7 +117,8 @@ subroutine pendulum_ensemble(flat, n, initial, h, method, n_steps, n_discard, ah
   real(c_double), intent(in) :: flat(14, n), initial(6, n), h(n), ahead, lines(n_lines)
   integer(c_int), intent(inout) :: cancel(1)
   real(c_double), intent(out) :: state(6, n), peak(6, n_moments), mean(6, n_moments)
-  real(c_double), intent(out) :: rms(6, n_moments), lyapunov(n_exponents, n)
+  real(c_double), intent(out) :: rms(6, n_moments)
+  real(c_double), intent(out), dimension(n_exponents, n) :: lyapunov, lyapunov_error
   complex(c_double_complex), intent(out) :: amplitudes(3, n_lines, n)
   real(c_double), intent(inout) :: sections(6, n_sections, n_section_runs)
   integer(c_int), intent(out) :: ended(n), status
@@ -152,7 +154,7 @@ subroutine pendulum_ensemble(flat, n, initial, h, method, n_steps, n_discard, ah
     if (outcome%failed()) exit
     call run_block(job, system, block, cancel(1))
     call empty_block(block, first, state, ended, t_reached, peak, mean, rms, amplitudes, sections, &
-                     lyapunov)
+                     lyapunov, lyapunov_error)
     if (is_set(cancel(1))) exit
   end do
   call report(outcome, status)

@@ -176,7 +176,10 @@ contains
       call table%hold_reals('peak_'//name, many%peak(2*j - 1, :))
       call table%hold_reals('rms_'//name, many%rms(2*j - 1, :))
     end do
-    if (self%lyapunov) call table%add_reals('lyapunov', many%lyapunov)
+    if (self%lyapunov) then
+      call table%add_reals('lyapunov', many%lyapunov)
+      call table%add_reals('lyapunov_error', many%lyapunov_error)
+    end if
     call sink%put(this_kind(), table, status)
     if (status%failed() .or. self%sections == 0) return
     whole = pack([(i, i=1, size(self%values))], many%ended == run_completed)

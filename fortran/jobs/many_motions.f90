@@ -14,7 +14,7 @@ module viscovib_many_motions
   !> What was learnt, run last.
   type, public :: many_motions
     real(wp), allocatable :: state(:, :), peak(:, :), mean(:, :), rms(:, :)
-    real(wp), allocatable :: lyapunov(:), t_reached(:)
+    real(wp), allocatable :: lyapunov(:), lyapunov_error(:), t_reached(:)
     real(wp), allocatable :: sections(:, :, :)
     integer, allocatable :: ended(:)
     logical, allocatable :: missed(:)
@@ -25,7 +25,9 @@ contains
   !> Whether motions in steps half as long tell the same, and how much they differ; where they do
   !! tell the same, the error that rounding leaves is in the difference.
   subroutine compare(coarse, fine, absolute, relative, change, met)
-    type(many_motions), intent(in) :: coarse, fine
+    type(many_motions), intent(in) :: coarse
+    !> Where the same is told, exponents that differ are no better known than that.
+    type(many_motions), intent(inout) :: fine
     real(wp), intent(in) :: absolute, relative
     real(wp), intent(out) :: change
     logical, intent(out) :: met
@@ -68,6 +70,8 @@ contains
       met = met .and. all(.not. alive .or. (parts(d, :) <= sizes(d) .and. along(d, :) <= tops(d)))
     end do
     if (.not. met) return
+    where (abs(fine%lyapunov - coarse%lyapunov) > fine%lyapunov_error) &
+      fine%lyapunov_error = abs(fine%lyapunov - coarse%lyapunov)
     change = max(change, 4.0_wp*epsilon(1.0_wp)*rounded)
     if (.not. all(alive)) change = max(change, located*max(1.0_wp, maxval(fine%t_reached, &
                                                                           mask=.not. alive)))

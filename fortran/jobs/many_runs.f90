@@ -3,8 +3,7 @@
 !! made again by itself, in parts that see it.
 module viscovib_many_runs
   use viscovib_constants, only: pi
-  use viscovib_ensemble, only: blocks_of, check_method, ensemble_block, ensemble_job, run_block, &
-    run_together
+  use viscovib_ensemble, only: blocks_of, check_method, ensemble_block, ensemble_job, run_block, run_together
   use viscovib_explicit_tables, only: lane_methods
   use viscovib_kinds, only: i8, wp
   use viscovib_lane_motion, only: lane_motion_type, n_scales, new_lane_motion
@@ -271,7 +270,7 @@ contains
     end if
     allocate (many%state(2*d, m), many%peak(2*d, m), many%mean(2*d, m), many%rms(2*d, m), &
               source=0.0_wp)
-    allocate (many%lyapunov(m), many%t_reached(m), source=0.0_wp)
+    allocate (many%lyapunov(m), many%lyapunov_error(m), many%t_reached(m), source=0.0_wp)
     allocate (many%ended(m), many%missed(m), many%sections(2*d, points, m))
     if (self%subject%is_pendulum) then
       call self%pendulum_of(1, pendulum, status)
@@ -394,7 +393,8 @@ contains
       many%rms(1::2, i) = block%rms(l, :, 1)
       many%rms(2::2, i) = block%rms(l, :, 2)
     end if
-    if (size(block%lyapunov, 2) > 0) many%lyapunov(i) = block%lyapunov(l, 1)
+    many%lyapunov(i) = block%lyapunov(l, 1)
+    many%lyapunov_error(i) = block%lyapunov_error(l, 1)
     many%t_reached(i) = block%t_reached(l)
     many%ended(i) = block%outcome(l)
     many%missed(i) = block%missed(l)

@@ -5,6 +5,7 @@ module viscovib_flight
   use viscovib_driven_system, only: differentiable_system_type, driven_system_type
   use viscovib_explicit, only: explicit_type, new_explicit
   use viscovib_explicit_tables, only: is_series
+  use viscovib_growth_course, only: growth_course
   use viscovib_kinds, only: i8, wp
   use viscovib_lane_lines, only: lines_type, new_lines
   use viscovib_lane_moments, only: moments_type, new_moments
@@ -21,6 +22,8 @@ module viscovib_flight
 
   !> Steps between two rescalings of a disturbance.
   integer, parameter :: rescaling = 8
+  !> Rounding of a rate, as a part of it.
+  real(wp), parameter :: rounding = 8.0_wp*epsilon(1.0_wp)
 
   !> What to do with every trajectory.
   type :: ensemble_job
@@ -54,6 +57,8 @@ module viscovib_flight
     !> Mean rates of growth of small disturbances, shape (n_lanes, n_exponents); NaN of a motion
     !! that stops.
     real(wp), allocatable :: lyapunov(:, :)
+    !> How far these may be off for the time they are means over.
+    real(wp), allocatable :: lyapunov_error(:, :)
     !> Whether steps may have missed a thin layer of a force.
     logical :: missed(n_lanes) = .false.
   end type ensemble_block
@@ -74,6 +79,7 @@ module viscovib_flight
     real(wp) :: a(n_lanes, max_dof) = 0.0_wp
     real(wp), dimension(n_lanes) :: margin = 0.0_wp, rate = 0.0_wp
     real(wp), allocatable :: growth(:, :)
+    type(growth_course) :: course
     logical :: alive(n_lanes) = .true.
     !> States before, times in steps.
     type(run_history) :: past
@@ -99,6 +105,7 @@ contains
     ! A disturbance in no special direction.
     if (system%n_dof > n) f%q(:, n + 1:) = 1.0_wp/sqrt(real(n, wp))
     allocate (f%growth(n_lanes, max(job%n_exponents, 1)), source=0.0_wp)
+    call f%course%begin(size(f%growth, 2), job%n_steps - job%n_discard)
     f%q_before = f%q
     f%v_before = f%v
     f%together = is_series(job%method)
@@ -200,7 +207,11 @@ contains
     end if
     if (job%moments) call gather(f, system, job, i)
     if (system%n_dof > f%n .and. (mod(i, int(rescaling, i8)) == 0 .or. i == job%n_discard &
-                                  .or. i == job%n_steps)) call rescale(f, i <= job%n_discard)
+                                  .or. i == job%n_steps &
+                                  .or. i - job%n_discard == f%course%next)) then
+      call rescale(f, i <= job%n_discard)
+      if (i > job%n_discard) call f%course%see(i - job%n_discard, f%growth)
+    end if
     if (i <= job%n_discard) return
     if (f%lines%n > 0 .and. mod(i - job%n_discard, job%sample_every) == 0) then
       call f%lines%add(f%q, f%alive)
@@ -437,6 +448,9 @@ contains
     end if
     block%lyapunov = f%growth/spread(block%h*real(job%n_steps - job%n_discard, wp), 2, &
                                      size(f%growth, 2)) + spread(nowhere, 2, size(f%growth, 2))
+    block%lyapunov_error = f%course%unsure()/spread(block%h*real(job%n_steps - job%n_discard, wp), &
+                                                    2, size(f%growth, 2)) &
+                           + rounding*abs(block%lyapunov) + spread(nowhere, 2, size(f%growth, 2))
   end subroutine land
 
 end module viscovib_flight

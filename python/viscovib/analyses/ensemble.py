@@ -6,7 +6,7 @@ import math
 import os
 from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor, as_completed
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, TypeVar
 
 import numpy as np
@@ -230,8 +230,7 @@ def simulate_ensemble(
         rms=_of_whole(raw.rms, raw.ended),
         amplitudes=_of_whole(raw.amplitudes, raw.ended),
         sections=points,
-        lyapunov=None if raw.lyapunov is None else np.fmax.reduce(raw.lyapunov, axis=1),
-        spectrum=_spectrum(raw.lyapunov, exponents),
+        **_exponents_of(raw),
         error=error,
         method=members.method_name,
         parameters=members.varied,
@@ -286,11 +285,16 @@ def _exponents(lyapunov: object) -> tuple[bool, bool]:
     return bool(lyapunov), False
 
 
-def _spectrum(exponents: FloatArray | None, wanted: int) -> FloatArray | None:
-    """All of them, the largest first."""
-    if exponents is None or wanted == 1:
-        return None
-    return np.ascontiguousarray(-np.sort(-exponents, axis=1))
+def _exponents_of(raw: _Raw) -> dict[str, FloatArray | None]:
+    """Exponents with their errors, the largest first."""
+    names = ("lyapunov", "lyapunov_error", "spectrum", "spectrum_error")
+    if raw.lyapunov is None or raw.lyapunov_error is None:
+        return dict.fromkeys(names)
+    order = np.argsort(-raw.lyapunov, axis=1, kind="stable")
+    all_of_them = np.take_along_axis(raw.lyapunov, order, axis=1)
+    errors = np.take_along_axis(raw.lyapunov_error, order, axis=1)
+    whole = (all_of_them, errors) if order.shape[1] > 1 else (None, None)
+    return dict(zip(names, (all_of_them[:, 0], errors[:, 0], *whole), strict=True))
 
 
 @dataclass(frozen=True)
@@ -399,6 +403,7 @@ class _Raw:
     amplitudes: ComplexArray | None
     sections: FloatArray | None
     lyapunov: FloatArray | None
+    lyapunov_error: FloatArray | None
 
 
 _Array = TypeVar("_Array", FloatArray, ComplexArray)
@@ -446,7 +451,7 @@ class _Job:
         else:
             parts = self._in_threads(slices, n_steps, cancel, progress)
         whole = [np.concatenate(pieces, axis=-1) for pieces in zip(*parts, strict=True)]
-        state, ended, reached, peak, mean, rms, amplitudes, sections, lyapunov = whole
+        state, ended, reached, peak, mean, rms, amplitudes, sections, lyapunov, unsure = whole
         return _Raw(
             state=np.ascontiguousarray(state.T),
             ended=ended,
@@ -457,6 +462,7 @@ class _Job:
             amplitudes=amplitudes.T if self.lines.size else None,
             sections=sections.T if self.length.periods is not None else None,
             lyapunov=lyapunov.T if self.exponents else None,
+            lyapunov_error=unsure.T if self.exponents else None,
         )
 
     def _piece_size(self, progress: bool) -> int:
@@ -492,7 +498,7 @@ class _Job:
             points = periods - self.length.discarded_periods
         width = 2 * len(self.members.dof_names)
         sections = np.full((width, points, n if points else 0), np.nan, order="F")
-        state, ended, reached, peak, mean, rms, amplitudes, lyapunov = self.members.call(
+        *found, lyapunov, unsure = self.members.call(
             part,
             self.length.span[part] / n_steps,
             self.method,
@@ -507,7 +513,17 @@ class _Job:
             cancel,
             sections,
         )
-        return state, ended, reached, peak, mean, rms, amplitudes, sections, lyapunov
+        return *found, sections, lyapunov, unsure
+
+
+def _with_steps_told(coarse: _Raw, fine: _Raw) -> _Raw:
+    """Exponents that other steps change are no better known than that."""
+    if fine.lyapunov is None or coarse.lyapunov is None or fine.lyapunov_error is None:
+        return fine
+    with np.errstate(invalid="ignore"):
+        moved = np.abs(fine.lyapunov - coarse.lyapunov)
+        errors = np.where(moved > fine.lyapunov_error, moved, fine.lyapunov_error)
+    return replace(fine, lyapunov_error=errors)
 
 
 def _changes_along(coarse: _Raw, fine: _Raw, runs: npt.NDArray[np.bool_]) -> FloatArray:
@@ -557,7 +573,7 @@ def _refine(
             if job.lines.size and factor < _SAMPLED:
                 factor = _SAMPLED
                 fine = job.run(n * factor, progress)
-            return fine, n * factor, error
+            return _with_steps_told(coarse, fine), n * factor, error
         changes_so_far.append(change)
         coarse = fine
     raise InputError(

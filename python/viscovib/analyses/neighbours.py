@@ -38,6 +38,8 @@ _LEAP = 1e3
 _LEFT = 1e-2
 #: The same of one step, and by how much steps are shorter where less is left.
 _LEFT_OF_STEP, _FINER = 1e-5, 8
+#: Error of a mean rate, in ranges of what growth was off a straight line, over the time.
+_IN_RANGES = 2.0
 #: Looks in a row that may find a neighbour on another side: a moment is not that long.
 _PATIENCE = 2
 #: Differences of sides are whole numbers; marks and counts are less than this.
@@ -63,8 +65,8 @@ def exponents_of(
     n_discard: int,
     count: int,
     quarter: int,
-) -> FloatArray:
-    """Mean rates of growth of ``count`` disturbances; NaN of a motion that stops.
+) -> tuple[FloatArray, FloatArray]:
+    """Mean rates of growth of ``count`` disturbances, and errors; NaN of a motion that stops.
 
     ``make(moved, finer=)`` begins the run, its start moved by so much, in steps so many times
     shorter; ``widths`` of a start, and of what is kept of coordinates and velocities; ``quarter``:
@@ -111,11 +113,12 @@ class _Beside:
         #: Parts of the distance at which neighbours are, as their past must be near as well.
         self.nearer = np.ones(count)
 
-    def rates(self, n_steps: int, n_discard: int) -> FloatArray:
+    def rates(self, n_steps: int, n_discard: int) -> tuple[FloatArray, FloatArray]:
         """Follow them; mean growth between the first and the last renewal of what counts."""
-        missing = np.full(self.count, math.nan)
+        missing = np.full(self.count, math.nan), np.full(self.count, math.nan)
         if n_discard >= n_steps or not self._begin(n_steps):
             return missing
+        course = [(0, self.grown.copy())]
         done = renewed = waited = 0
         since = 0 if n_discard == 0 else -1
         look = self.quarter
@@ -142,16 +145,20 @@ class _Beside:
             waited = 0
             self._renew(found)
             renewed = done
+            course.append((done, self.grown.copy()))
             if since < 0 and done >= n_discard:
                 since = done
                 self.grown[np.isfinite(self.grown)] = 0.0
+                course = [(done, self.grown.copy())]
                 self.untold[:] = False
             if least > math.sqrt(_LEFT):
                 look = min(self.quarter, 2 * look)
         if since < 0 or renewed <= since:
             return missing
-        rates = self.grown / (self.runs[0].h * (renewed - since))
-        return np.where(self.untold, math.nan, rates)
+        span = self.runs[0].h * (renewed - since)
+        off = np.where(np.isfinite(self.grown), _unsure(course) / span, 0.0)
+        rates, off = (np.where(self.untold, math.nan, x) for x in (self.grown / span, off))
+        return rates, off
 
     def _begin(self, n_steps: int) -> bool:
         """The motion and those beside it at the start; False: the motion stops."""
@@ -237,6 +244,15 @@ class _Beside:
             bool((np.abs(run.switched - mine) >= np.maximum(_MARKED, 1e-3 * np.abs(mine))).any())
             for run in self.runs[1:]
         )
+
+
+def _unsure(course: list[tuple[int, FloatArray]]) -> FloatArray:
+    """How far off mean rates may be, times the time: as the core has it (``flight.f90``)."""
+    done, grown = np.array([n for n, _ in course]), np.array([g for _, g in course])
+    part = ((done - done[0]) / (done[-1] - done[0]))[:, None]
+    with np.errstate(invalid="ignore"):
+        beside = grown - grown[0] - part * (grown[-1] - grown[0])
+    return np.asarray(_IN_RANGES * (beside.max(axis=0) - beside.min(axis=0)))
 
 
 def _hidden(part: FloatArray, first: FloatArray, n: int) -> float:

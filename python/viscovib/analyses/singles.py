@@ -55,6 +55,7 @@ class _Gathered:
     rms: FloatArray
     lines: ComplexArray
     exponents: FloatArray
+    exponent_errors: FloatArray
     #: States of a section, and when.
     points: FloatArray
     times: FloatArray
@@ -204,7 +205,10 @@ class SingleMembers(Members):
                 self.passed[i] = one
             elif section_every:
                 sections[:, : one.points.shape[0], k] = one.points.T
-        names = ("state", "ended", "reached", "peak", "mean", "rms", "lines", "exponents")
+        names = (
+            "state", "ended", "reached", "peak", "mean", "rms", "lines", "exponents",
+            "exponent_errors",
+        )  # fmt: skip
         return tuple(np.stack([getattr(one, x) for one in found], axis=-1) for x in names)
 
     def _gather(self, i: int, h: float, asked: _Asked) -> _Gathered:
@@ -244,10 +248,10 @@ class SingleMembers(Members):
             late = times >= self.discarded[i]
             found.points, found.times = states[late], times[late]
         if asked.exponents:
-            found.exponents = self._exponents(i, h, asked)
+            found.exponents, found.exponent_errors = self._exponents(i, h, asked)
         return found
 
-    def _exponents(self, i: int, h: float, asked: _Asked) -> FloatArray:
+    def _exponents(self, i: int, h: float, asked: _Asked) -> tuple[FloatArray, FloatArray]:
         end = h * asked.n_steps
         quarter = max(1, round(asked.n_steps / self._steps(i, end)))
         return exponents_of(
@@ -331,15 +335,14 @@ class _Track:
 
     def result(self, width: int, stopped: bool) -> _Gathered:
         """What was gathered; of a motion that stopped what belongs to the whole is not known."""
-        missing = np.full(width, math.nan)
+        missing, untold = np.full(width, math.nan), np.full(self.asked.exponents, math.nan)
         lines = np.full((width // 2, self.asked.lines.size), math.nan, dtype=complex)
         if self.n and lines.size and not stopped:
             own = self.mean / self.weight
             lines = 2 * (self.sums - np.outer(own, self.empty)) / self.weight
         points = np.concatenate(self.parts) if self.parts else np.empty((0, width))
         return _Gathered(
-            missing, 0, 0.0, missing, missing, missing, lines,
-            np.full(self.asked.exponents, math.nan), points, np.empty(0),
+            missing, 0, 0.0, missing, missing, missing, lines, untold, untold, points, np.empty(0),
         )  # fmt: skip
 
 

@@ -55,9 +55,15 @@ class Ensemble(Result):
     lyapunov : ndarray, shape (n,), or None
         Largest Lyapunov exponent (a time average): small errors grow like exp(lyapunov t);
         NaN of a run that stopped.
+    lyapunov_error : ndarray, shape (n,), or None
+        How far it may be off the mean over infinite time: twice the range of what the growth of the
+        disturbance was off a straight line on the way, over the time; and what halved steps change
+        (not of steps that are given).
     spectrum : ndarray, shape (n, 2 n_dof), or None
         All exponents in the directions of the states, if asked for, largest first; the load's phase
         has exponent 0 besides. -inf: a disturbance vanishes altogether, as where friction sticks.
+    spectrum_error : ndarray, shape (n, 2 n_dof), or None
+        As ``lyapunov_error``, of each; 0 of -inf.
     error : float or None
         Estimated largest error of the last states and of ``t_reached``, if ``dt`` was "auto" (None
         of steps that are given, as summary and plan say); of
@@ -103,7 +109,9 @@ class Ensemble(Result):
     parameters: Mapping[str, FloatArray]
     system: Pendulum | PolynomialSystem | Structure | Mount
     plan: Plan
+    lyapunov_error: FloatArray | None = None
     spectrum: FloatArray | None = None
+    spectrum_error: FloatArray | None = None
     section_times: FloatArray | None = None
     _names: tuple[str, ...] = ()
 
@@ -151,8 +159,10 @@ class Ensemble(Result):
             data["section_times"] = (("run", "point"), self.section_times, time)
         if self.lyapunov is not None:
             data["lyapunov"] = ("run", self.lyapunov)
+            data["lyapunov_error"] = ("run", self.lyapunov_error)
         if self.spectrum is not None:
             data["spectrum"] = (("run", "exponent"), self.spectrum)
+            data["spectrum_error"] = (("run", "exponent"), self.spectrum_error)
         kept = [self.system.dof_names.index(name) for name in self.dof_names]
         own, rates = self.system.dof_units, self.system.rate_units
         units = [own[i] for i in kept]
