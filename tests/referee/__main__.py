@@ -5,7 +5,7 @@
 
 A line a family: systems, claims, refusals, failures, the worst ratio of the true error to the
 one admitted. Every failure is printed as the Python call that shows it again, and written to
-out/referee/failures.py. --systems ends each family after so many, so that the same are judged
+out/referee/failures.py, when its family ends. --systems ends each family after so many, so that the same are judged
 whatever the machine's speed, as long as --minutes suffice. --self-test injects an error into every claim and asks that it is found.
 """
 
@@ -43,9 +43,20 @@ def main() -> int:
     begun = time.monotonic()
     print(f"seed {seed}, {share:.0f} s a family", flush=True)
 
+    FAILURES.parent.mkdir(parents=True, exist_ok=True)
+    FAILURES.write_text("", encoding="utf-8")
+
     def one(family: str) -> Verdict:
         verdict = run_family(family, seed, share, least, given.systems)
         print(line(verdict), flush=True)
+        # At once: a run that is killed loses none.
+        with FAILURES.open("a", encoding="utf-8") as file:
+            for failure in verdict.failures:
+                file.write(f"{failure.script()}\n")
+        for failure in verdict.failures[:40]:
+            print(f"\n{failure.script()}", flush=True)
+        if len(verdict.failures) > 40:
+            print(f"\n{len(verdict.failures) - 40} more in {FAILURES}", flush=True)
         return verdict
 
     with ThreadPoolExecutor(given.jobs) as pool:
@@ -53,10 +64,6 @@ def main() -> int:
     spent = time.monotonic() - begun
     write(given.out, verdicts, seed, spent)
     failures = [failure for verdict in verdicts for failure in verdict.failures]
-    for failure in failures[:40]:
-        print(f"\n{failure.script()}")
-    if len(failures) > 40:
-        print(f"\n{len(failures) - 40} more in {FAILURES}")
     print(
         f"{sum(v.systems for v in verdicts)} systems, {len(failures)} failures, {spent:.0f} s: "
         f"{given.out / 'referee.md'}"

@@ -393,7 +393,10 @@ def _element(rng, n):
 
 
 def case(rng, index):
-    """One or two masses with elements, dry friction and rigid stops; every third one remembers."""
+    """One or two masses with elements, dry friction and rigid stops; every third one remembers.
+
+    Every eighth is part of a structure of 70 coordinates.
+    """
     n = 1 + index % 2
     twins = n == 2 and rng.random() < 0.25
     mass = np.array([few(rng, 0.5, 3) for _ in range(n)])
@@ -443,12 +446,19 @@ def case(rng, index):
     if n == 2:
         stiffness = stiffness + between * np.array([[1, -1], [-1, 1]])
     times = np.linspace(0, end, 13)
-    call = f"""system = vv.Structure(
-    mass={mass.tolist()}, stiffness={stiffness.tolist()}, damping={(c * mass).tolist()}, elements=[{", ".join(sources)}]
+    # Beside a chain that nothing joins to them they move as they do alone.
+    more = 68 if index % 8 == 7 else 0
+    call = f"""k = np.zeros(({n + more}, {n + more}))
+k[{n}:, {n}:] = 2 * np.eye({more}) - np.eye({more}, k=1) - np.eye({more}, k=-1)
+k[:{n}, :{n}] = {stiffness.tolist()}
+rest = {more} * [0.0]
+system = vv.Structure(
+    mass={mass.tolist()} + {more} * [1.0], stiffness=k, damping={(c * mass).tolist()} + rest, elements=[{", ".join(sources)}]
 )
-load = {{0: {(1j * mean * mass).tolist()}, 1: {amplitude.tolist()}, 2: {(second * mass * 1.0).tolist()}}}
+load = {{0: {(1j * mean * mass).tolist()} + rest, 1: {amplitude.tolist()} + rest, 2: {(second * mass * 1.0).tolist()} + rest}}
 run = vv.simulate(
-    system, {end}, initial={state_of(q, v).tolist()}, load=load, nu={nu}, times={times.tolist()}, tolerance=1e-8
+    system, {end}, initial={state_of(q, v).tolist()} + 2 * rest, load=load, nu={nu}, times={times.tolist()}, tolerance=1e-8,
+    coordinates={[f"x{j + 1}" for j in range(n)]},
 )
 state, error, outcome = run.state, run.error, run.outcome
 """

@@ -30,7 +30,7 @@ def line(verdict: Verdict) -> str:
 
 
 def write(out: Path, verdicts: list[Verdict], seed: int, spent: float) -> None:
-    """Write referee.csv and referee.md, and the failing calls."""
+    """Write referee.csv and referee.md."""
     out.mkdir(parents=True, exist_ok=True)
     head = (
         f"{platform.machine()}; {time.strftime('%Y-%m-%d', time.gmtime())}; seed {seed}, "
@@ -56,6 +56,3 @@ def write(out: Path, verdicts: list[Verdict], seed: int, spent: float) -> None:
     ]
     lines += [f"| {' | '.join(map(str, row))} | {description(row[0])} |" for row in rows]
     (out / "referee.md").write_text("\n".join(lines) + "\n", encoding="utf-8")
-    FAILURES.parent.mkdir(parents=True, exist_ok=True)
-    text = "\n\n".join(failure.script() for v in verdicts for failure in v.failures)
-    FAILURES.write_text(text or "# None.\n", encoding="utf-8")
