@@ -117,8 +117,9 @@ subroutine pendulum_backbone(flat, n_pattern, pattern, unit, dof, order, harmoni
                              curve_packed, n_packed, max_points, stability, leave, n_begin, &
                              begin, begin_nu, begin_p, along, n_unknowns, max_special, cancel, &
                              n_points, ended, highest, nu, energy, truncation, error, off, x, &
-                             multipliers, growing, n_folds, folds, fold_errors, n_branch_points, branch_points, &
-                             branch_point_nu, branch_point_x, across, before, status)
+                             multipliers, growing, n_folds, folds, fold_errors, n_branch_points, &
+                             branch_points, branch_point_nu, branch_point_x, across, before, &
+                             status)
   use, intrinsic :: iso_c_binding, only: c_double, c_double_complex, c_int
   use viscovib_binding_tools, only: make_pendulum, report
   use viscovib_curve_branch, only: curve_options_from

@@ -148,7 +148,7 @@ contains
     do i = 1, size(families)
       associate (tolerance => self%options%tolerance, off => families(i)%off)
         short = short + count(families(i)%truncation > max(tolerance, off))
-        blurred = blurred + count(off > tolerance)
+        blurred = blurred + count(off > tolerance + self%options%atol/largest(families(i)%x))
       end associate
     end do
     report%complete = report%complete .and. short == 0
@@ -159,6 +159,13 @@ contains
     if (size(families) > 1) report%summary = report%summary//'; tables of ' &
                                              //show(size(families) - 1)//' more'
   end subroutine run
+
+  !> The largest harmonic of each motion, of cosines (n, n_points).
+  pure function largest(x)
+    real(wp), intent(in) :: x(:, :)
+    real(wp) :: largest(size(x, 2))
+    largest = max(maxval(abs(x), 1), tiny(1.0_wp))
+  end function largest
 
   !> What moves freely, and which of its unknowns the amplitude is of: of a structure one without
   !! damping, memory and loads, condensed to that coordinate too.
@@ -318,7 +325,8 @@ contains
                                   i=1, size(family%nu))], family%multipliers(1, :))
     end if
     call table%note(note//'; truncation: estimated relative error of leaving out higher ' &
-                    //'orders; error: of the last correction and rounding; u = sum_k a_k cos(k nu t); ' &
+                    //'orders; error: of the last correction and rounding; ' &
+                    //'u = sum_k a_k cos(k nu t); ' &
                     //listed_units(subject%coordinates(self%wanted), subject%units(self%wanted)))
     call table%add_reals('truncation', family%truncation)
     call table%add_reals('error', family%error)

@@ -308,8 +308,8 @@ def test_a_structure_is_built_once(monkeypatch):
     """Members that differ by their starts and loads share its equations."""
     from viscovib.systems import whole
 
-    built, make = [], whole.PolynomialSystem
-    monkeypatch.setattr(whole, "PolynomialSystem", lambda **given: built.append(1) or make(**given))
+    built, make = [], whole._Whole
+    monkeypatch.setattr(whole, "_Whole", lambda **given: built.append(1) or make(**given))
     slider = vv.Structure(
         mass=[1.0], stiffness=[1.0], damping=[0.1],
         elements=[vv.Jenkins(on="x1", stiffness=2.0, limit=0.3)],

@@ -303,7 +303,7 @@ def test_what_is_refused_says_why():
             on="x1", stiffness=1, law=f"{beta}*d^3",
             kernel=vv.RabotnovKernel(amplitude=0.1, alpha=0.99, beta=beta),
         )
-        for beta in (20, 100)
+        for beta in (20, 40, 60, 80, 100)
     ]  # fmt: skip
     sharp = vv.Structure(
         mass=[1.0], stiffness=[1.0], elements=[vv.Jenkins(on="x1", stiffness=1, limit=0.1), *sharp]

@@ -24,6 +24,7 @@ from viscovib.errors import ConvergenceWarning, InputError, caller
 from viscovib.results.curves import (
     MAX_SPECIAL,
     OUTCOMES,
+    allowed_beside,
     fold_notes,
     largest_panels,
     told_rounding,
@@ -145,6 +146,8 @@ class Backbone(PeriodicMotions, Result):
     _tolerance: float = 1e-10
     #: How far rounding leaves each point off its curve.
     _off: FloatArray = field(default_factory=lambda: np.empty(0), repr=False)
+    #: Relative error that was allowed of each point.
+    _allowed: FloatArray = field(default_factory=lambda: np.empty(0), repr=False)
 
     kind = "backbone"
     _form = "backbone"
@@ -169,7 +172,7 @@ class Backbone(PeriodicMotions, Result):
             "" if self.energy is None else f", {things(len(self.branch_points), 'branch point')}"
         )
         short = f", {things(self._short, 'point')} with too few harmonics" if self._short else ""
-        short += told_rounding(self._off, self._tolerance)
+        short += told_rounding(self._off, self._allowed)
         found = f"{things(self.nu.size, 'point')}, {things(self.folds.size, 'fold')}"
         return f"{self.outcome}, {found}{points}{short}"
 
@@ -338,8 +341,9 @@ def oscillator_backbone(
             ConvergenceWarning,
             stacklevel=caller(),
         )
-    warn_of_doubts(truncation[:n], off[:n], wanted, int(kept[m - 1]))
     own = np.ascontiguousarray(coefficients[:m, :, :n].T)
+    allowed = allowed_beside(own, wanted, curve.values["atol"])
+    warn_of_doubts(truncation[:n], off[:n], (wanted, allowed), int(kept[m - 1]))
     plan = Plan(text.decode())
     units = system.dof_units
     if view is not None:
@@ -361,12 +365,19 @@ def oscillator_backbone(
         plan=plan,
         _tolerance=wanted,
         _off=off[:n].copy(),
+        _allowed=allowed,
     )
 
 
-def warn_of_doubts(truncation: FloatArray, off: FloatArray, tolerance: float, highest: int) -> None:
-    """Warn the caller of `backbone` where orders are too few, or rounding leaves too much."""
-    warn_of_rounding(off, tolerance)
+def warn_of_doubts(
+    truncation: FloatArray, off: FloatArray, wanted: tuple[float, FloatArray], highest: int
+) -> None:
+    """Warn the caller of `backbone` where orders are too few, or rounding leaves too much.
+
+    ``wanted``: the tolerance, and with an absolute one what is allowed of each point.
+    """
+    tolerance, allowed = wanted
+    warn_of_rounding(off, tolerance, allowed)
     few = truncation > np.maximum(tolerance, off)
     if few.any():
         warnings.warn(

@@ -26,7 +26,7 @@ from viscovib.common.parameters import (
 from viscovib.common.plan import Plan
 from viscovib.common.stability import warn_of_unknown
 from viscovib.errors import InputError
-from viscovib.results.curves import MAX_SPECIAL, OUTCOMES
+from viscovib.results.curves import MAX_SPECIAL, OUTCOMES, allowed_beside
 from viscovib.systems.pendulum import Pendulum
 
 
@@ -125,7 +125,8 @@ def pendulum_backbone(
         "skips: sines (motions that begin at rest are even in time)\n"
         + ("computes: Floquet multipliers" if judged else "skips: stability (not asked for)")
     )
-    return _backbone(found, j, varies, multiple, curve.tolerance, judged, plan)
+    tolerances = curve.tolerance, curve.values["atol"]
+    return _backbone(found, j, varies, multiple, tolerances, judged, plan)
 
 
 def _backbone(
@@ -133,23 +134,25 @@ def _backbone(
     mode: int,
     varies: str,
     multiple: int,
-    tolerance: float,
+    tolerances: tuple[float, float],
     judged: bool,
     plan: Plan,
 ) -> Backbone:
-    """Give what the core found its names and units."""
+    """Give what the core found its names and units; ``tolerances``: relative and absolute."""
     (
         count, ended, order, nu, energy, truncation, error, off, x, multipliers, growing, n_folds,
         folds, fold_errors, n_branch, branch_p, branch_nu, branch_x, across, before,
     ) = found  # fmt: skip
     n = 3 * (multiple * order + 1)
-    warn_of_doubts(truncation[:count], off[:count], tolerance, order)
+    coefficients = _coefficients(x[:n, :count])
+    allowed = allowed_beside(coefficients, *tolerances)
+    warn_of_doubts(truncation[:count], off[:count], (tolerances[0], allowed), order)
     if judged:
         warn_of_unknown(growing[:count] < 0)
     return Backbone(
         nu=nu[:count].copy(),
         harmonics=np.arange(multiple * order + 1, dtype=np.intc),
-        coefficients=_coefficients(x[:n, :count]),
+        coefficients=coefficients,
         truncation=truncation[:count].copy(),
         error=error[:count].copy(),
         mode=mode,
@@ -175,8 +178,9 @@ def _backbone(
         stable=growing[:count] == 0 if judged else None,
         growing=growing[:count].copy() if judged else None,
         plan=plan,
-        _tolerance=tolerance,
+        _tolerance=tolerances[0],
         _off=off[:count].copy(),
+        _allowed=allowed,
     )
 
 

@@ -363,11 +363,17 @@ def runs_of(
             system, end, initial, method, load, nu, force, solved, kept, base=base, held=held
         )
         return *made, 1
-    if goes_in_sections(system, method, given.memory):
-        made = polynomial_runs(
-            system, end, initial, method, load, nu, force, solved, True, base, held
-        )
-        return *made, 1
+    if not isinstance(system, Structure):
+        if goes_as_pendulum(system, method, load, base, held, given.memory):
+            made = polynomial_runs(
+                system, end, initial, method, load, nu, force, solved, base=base, held=held
+            )
+            return *made, 1
+        if goes_in_sections(system, method, given.memory):
+            made = polynomial_runs(
+                system, end, initial, method, load, nu, force, solved, True, base, held
+            )
+            return *made, 1
     if isinstance(system, Structure) or goes_condensed(system):
         shape = StructureMotion.checked(
             system, end, initial, method, load, nu, base, force, held, given.memory,
@@ -375,11 +381,6 @@ def runs_of(
         )  # fmt: skip
         make = shape.runs(far if shape.remembers else ROUNDING)
         return make, shape.first_steps(), 2 if shape.remembers else 1
-    if goes_as_pendulum(system, method, load, base, held, given.memory):
-        made = polynomial_runs(
-            system, end, initial, method, load, nu, force, solved, base=base, held=held
-        )
-        return *made, 1
     motion = MountMotion.checked(
         system, end, initial, method, load, nu, base, force, held, given.memory
     )

@@ -285,17 +285,23 @@ def fold_notes(kind: str, curve: Any) -> list[str]:
     return lines
 
 
-def told_rounding(off: FloatArray, tolerance: float) -> str:
+def told_rounding(off: FloatArray, allowed: FloatArray | float) -> str:
     """Words for points of which rounding leaves more than the tolerance, if there are any."""
-    blurred = int((off > tolerance).sum())
+    blurred = int((off > allowed).sum())
     if not blurred:
         return ""
     return f", {things(blurred, 'point')} of which rounding leaves more than the tolerance"
 
 
-def warn_of_rounding(off: FloatArray, tolerance: float) -> None:
-    """Warn the caller of a public function of such points."""
-    blurred = off > tolerance
+def allowed_beside(coefficients: ComplexArray, tolerance: float, absolute: float) -> FloatArray:
+    """Relative error allowed of motions (n, ...), by an absolute one of their largest harmonic."""
+    sizes = np.abs(coefficients).reshape(coefficients.shape[0], -1).max(axis=1, initial=0.0)
+    return np.asarray(tolerance + absolute / np.maximum(sizes, np.finfo(float).tiny))
+
+
+def warn_of_rounding(off: FloatArray, tolerance: float, allowed: FloatArray | None = None) -> None:
+    """Warn the caller of a public function of points of which rounding leaves more than allowed."""
+    blurred = off > (tolerance if allowed is None else allowed)
     if blurred.any():
         warnings.warn(
             f"at {blurred.sum()} of {off.size} points rounding leaves more than the tolerance "
