@@ -410,8 +410,8 @@ contains
                          branch%multipliers(1, :))
     end if
     call table%note(note//'; orders to '//show(branch%harmonics)//' leave an estimated relative ' &
-                    //'error of '//trim(exact(branch%truncation))//' at most; error: of the last correction ' &
-                    //'and rounding')
+                    //'error of '//trim(exact(branch%truncation)) &
+                    //' at most; error: of the last correction and rounding')
     call table%add_reals('error', branch%error)
     do j = 1, size(self%wanted)
       d = self%wanted(j)

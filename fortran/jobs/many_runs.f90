@@ -3,7 +3,8 @@
 !! made again by itself, in parts that see it.
 module viscovib_many_runs
   use viscovib_constants, only: pi
-  use viscovib_ensemble, only: blocks_of, check_method, ensemble_block, ensemble_job, run_block, run_together
+  use viscovib_ensemble, only: blocks_of, check_method, ensemble_block, ensemble_job, run_block, &
+    run_together
   use viscovib_explicit_tables, only: lane_methods
   use viscovib_kinds, only: i8, wp
   use viscovib_lane_motion, only: lane_motion_type, n_scales, new_lane_motion

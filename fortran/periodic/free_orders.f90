@@ -79,8 +79,8 @@ contains
     !> Unknowns of the larger set at points and folds, those left out as 0, shapes (curve%n, n) and
     !! (curve%n, n_folds).
     real(wp), intent(in) :: x(:, :), at_folds(:, :)
-    !> Its truncation, shape (n), is 1 where the larger set tells nothing, 0 where not judged, as the
-    !! curve will be followed again or was given up.
+    !> Its truncation, shape (n), is 1 where the larger set tells nothing, 0 where not judged, as
+    !! the curve will be followed again or was given up.
     type(curve_branch_type), intent(inout) :: branch
     logical, intent(out) :: again
     !> May be set from elsewhere to give up.

@@ -168,7 +168,8 @@ contains
 
     rows = self%n/self%blocks
     nu = merge(p, self%balance%nu, self%vary == vary_frequency)
-    call raise_by_inertia(self%system%mass, [(self%balance%set%orders((k + 1)/2)*nu, k=1, rows)], x, terms)
+    call raise_by_inertia(self%system%mass, &
+                          [(self%balance%set%orders((k + 1)/2)*nu, k=1, rows)], x, terms)
     do d = 1, self%blocks
       terms((d - 1)*rows + 1:(d - 1)*rows + self%balance%set%held()) = 0.0_wp
     end do

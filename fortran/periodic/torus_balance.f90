@@ -230,7 +230,9 @@ contains
     terms = max(terms, abs(x)*self%reduced([spread(twice(self%torus%frequencies(omega)**2), 2, &
                                                    self%n_dof)]))
     do d = 1, self%n_dof
-      terms(self%first(d):self%first(d + 1) - 1) = maxval(terms(self%first(d):self%first(d + 1) - 1))
+      associate (own => terms(self%first(d):self%first(d + 1) - 1))
+        own = maxval(own)
+      end associate
     end do
   end subroutine raise_to_inertia
 
