@@ -1,10 +1,9 @@
 !> Many motions of a pendulum or of a polynomial system without memory, eight side by side, in a
-!! step that is given or found. A motion whose steps may have missed a thin layer of a force is
-!! made again by itself, in parts that see it.
+!! step given or found. One whose steps may have missed a thin layer is made again, in parts.
 module viscovib_many_runs
   use viscovib_constants, only: pi
-  use viscovib_ensemble, only: blocks_of, check_method, ensemble_block, ensemble_job, run_block, &
-    run_together
+  use viscovib_ensemble, only: blocks_of, check_method, ensemble_block, ensemble_job, &
+    run_block, run_together
   use viscovib_explicit_tables, only: lane_methods
   use viscovib_kinds, only: i8, wp
   use viscovib_lane_motion, only: lane_motion_type, n_scales, new_lane_motion

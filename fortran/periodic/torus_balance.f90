@@ -5,10 +5,9 @@
 !!
 !!   R_k = -w_k^2 X_k - A_k,
 !!
-!! A being the harmonics of a along the motion, from samples on the torus. The
-!! accelerations stand solved for, so that any differentiable system serves as it is.
-!! The derivatives are exact ones of the sampled equations: with the moments Q, V of
-!! da/dq and da/dq', the harmonics of their change are
+!! A being the harmonics of a along the motion, from samples on the torus. The accelerations stand
+!! solved for, so that any differentiable system serves as it is. The derivatives are exact ones of
+!! the sampled equations: with moments Q, V of da/dq and da/dq', the harmonics of their change are
 !!
 !!   Y_k = sum_l (Q_(k-l) + i w_l V_(k-l)) dX_l - (Q_(k+l) - i w_l V_(k+l)) conj dX_l.
 module viscovib_torus_balance
@@ -24,8 +23,7 @@ module viscovib_torus_balance
 
   public :: torus_balance_type, new_torus_balance
 
-  !> What the parameter is: a base frequency; the amplitude of a drive; a factor of
-  !! all of them.
+  !> What the parameter is: a base frequency; the amplitude of a drive; a factor of all of them.
   integer, parameter, public :: vary_frequency = 1, vary_amplitude = 2, vary_factor = 3
 
   !> Places in the torus's list of orders; whether the first is the mean; which parts of
@@ -230,8 +228,8 @@ contains
     terms = max(terms, abs(x)*self%reduced([spread(twice(self%torus%frequencies(omega)**2), 2, &
                                                    self%n_dof)]))
     do d = 1, self%n_dof
-      associate (own => terms(self%first(d):self%first(d + 1) - 1))
-        own = maxval(own)
+      associate (i => self%first(d), j => self%first(d + 1) - 1)
+        terms(i:j) = maxval(terms(i:j))
       end associate
     end do
   end subroutine raise_to_inertia

@@ -36,9 +36,10 @@ module viscovib_law_term
 
   !> How near to rest a law must have a value, on all sides.
   real(wp), parameter :: near = 1.0e-9_wp
-  !> How much more than by its steepest slope a law may change over that way; and how much of that
-  !! it changes over the second half of the way, at least, where it does not jump at rest. What
-  !! rounding leaves of laws whose parts cancel there is another at each place.
+  !> How much more than by its steepest slope, or than this part of its value, a law may change over
+  !! that way; and how much of that it changes over the second half of the way, at least, where it
+  !! does not jump at rest. What rounding leaves of laws whose parts cancel there is another at each
+  !! place, but for last digits of a value that does not change.
   real(wp), parameter :: steep = 10.0_wp, least_later = 1.0e-2_wp
 
 contains
@@ -67,7 +68,7 @@ contains
     defined = all(abs(value) < wall)
     if (defined .and. .not. any(jumps(law%program%code))) then
       change = abs(value(2:2*n + 1) - value(1))
-      defined = all(change <= near*steep*maxval(abs(by)) &
+      defined = all(change <= near*max(steep*maxval(abs(by)), maxval(abs(value))) &
                     .or. abs(value(2:2*n + 1) - value(2*n + 2:)) > least_later*change)
     end if
     slopes = by(1, :)

@@ -184,3 +184,18 @@ def test_huge_motions_overflow_in_words():
 )
 def test_laws_with_one_value_at_rest(law):
     assert vv.PolynomialSystem(**TWO | {"forces": {"x1": law}}).forces == {"x1": law}
+
+
+def test_laws_that_are_flat_at_rest():
+    """Where the last digit of a value changes by chance alone, which is no jump."""
+    rng = np.random.default_rng(5)
+    shapes = (
+        "{a}*tanh((x1 - {b})/{c})",
+        "{a}*exp(-((x1 - {b})/{c})^2) + {b}",
+        "{a}*atan(x1 - {b})",
+    )
+    for i in range(300):
+        b = round(float(rng.uniform(0.05, 0.3)), 3)
+        values = {"a": round(float(rng.uniform(0.1, 2)), 3), "b": b}
+        law = shapes[i % 3].format(c=round(b / float(rng.uniform(15, 25)), 6), **values)
+        assert vv.PolynomialSystem(**TWO | {"forces": {"x1": law}}).forces == {"x1": law}

@@ -302,7 +302,7 @@ def _refuse_edge(where: str, law: Law) -> None:
     split = (
         not any(code in _JUMPS for code in law.code)
         and (
-            (change > _NEAR * _STEEP * np.abs(slopes).max())
+            (change > _NEAR * max(_STEEP * np.abs(slopes).max(), np.abs(values).max()))
             & (np.abs(there - halfway) <= _LEAST_LATER * change)
         ).any()
     )
