@@ -92,6 +92,8 @@ class SpringGroup(NamedTuple):
     whole: tuple[tuple[int, Law], ...] = ()
     #: Behind a kernel, their slopes by rates at rest; None: nothing.
     law_dampers: FloatArray | None = None
+    #: K without what is linear in forces; None: not known apart.
+    given: FloatArray | None = None
 
     def with_slopes_of(self, other: SpringGroup) -> SpringGroup:
         """Return the same springs, of whose laws another stiffness and damping stands apart."""
@@ -152,7 +154,8 @@ def spring_group(
         raise InputError(
             f"{prefix}kernel = {_native.shown(springs.kernel)}: must be a Kernel or None"
         )
-    stiffness = square_matrix(f"{prefix}stiffness", springs.stiffness, len(names)).copy()
+    given = square_matrix(f"{prefix}stiffness", springs.stiffness, len(names))
+    stiffness = given.copy()
     forces: dict[tuple[int, tuple[int, ...]], float] = {}
     laws, whole = [], []
     slopes, damping, dampers = (np.zeros_like(stiffness) for _ in range(3))
@@ -182,7 +185,7 @@ def spring_group(
     stiffness.setflags(write=False)
     # A kernel of nothing is none.
     kernel = springs.kernel if forces or laws or stiffness.any() else None
-    group = SpringGroup(stiffness, forces, kernel)
+    group = SpringGroup(stiffness, forces, kernel, given=given)
     if not laws:
         return group
     by_rates, behind = (one if one.any() else None for one in (damping, dampers))

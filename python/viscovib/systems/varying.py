@@ -158,6 +158,13 @@ def _of_polynomial(system: PolynomialSystem, name: object) -> Varied:
             raise InputError(f"vary = {name!r}: all of it is 0")
         return _entries(str(name), flat, weights, staying)
     places, staying = _places(system, what, group)
+    given = system.groups[group].given
+    if what == "stiffness" and given is not None:
+        # The entry that was given, beside what is linear in forces.
+        more = system.groups[group].stiffness - given
+        staying = {
+            i: float(more[names.index(on), names.index(by)]) for (on, by), i in places.items()
+        }
     key = _key(system, str(name), what, form[4])
     if key not in places:
         allowed = ", ".join(f"{on}: {spell(powers, names)}" for on, powers in places)
