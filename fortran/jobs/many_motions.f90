@@ -70,8 +70,11 @@ contains
       met = met .and. all(.not. alive .or. (parts(d, :) <= sizes(d) .and. along(d, :) <= tops(d)))
     end do
     if (.not. met) return
-    where (abs(fine%lyapunov - coarse%lyapunov) > fine%lyapunov_error) &
-      fine%lyapunov_error = abs(fine%lyapunov - coarse%lyapunov)
+    do i = 1, size(alive)
+      ! Of others both are NaN.
+      if (alive(i)) fine%lyapunov_error(i) = max(fine%lyapunov_error(i), &
+                                                 abs(fine%lyapunov(i) - coarse%lyapunov(i)))
+    end do
     change = max(change, 4.0_wp*epsilon(1.0_wp)*rounded)
     if (.not. all(alive)) change = max(change, located*max(1.0_wp, maxval(fine%t_reached, &
                                                                           mask=.not. alive)))

@@ -49,7 +49,10 @@ def _same(one, other):
     a, b = (read_csv(path) for path in (one, other))
     for name in a.dtype.names:
         size = np.abs(a[name]).max()
-        if "_phase" not in name:
+        if name == "error":
+            # An estimate of what rounding leaves, which is another in another build.
+            assert a[name] == pytest.approx(b[name], rel=0.1)
+        elif "_phase" not in name:
             assert a[name] == pytest.approx(b[name], abs=1e-9 * size + 1e-14)
 
 
