@@ -275,7 +275,7 @@ def _past(rng, index):
     memory = some_prony(rng, 0.4)
     model = chain(rng, int(rng.integers(1, 3)), few(rng, 0.01, 0.05, 2), memory=memory).model()
     n = model.n
-    times = np.append(-np.sort(rng.uniform(0.2, 5, 3))[::-1], 0.0).round(3)
+    times = np.append(-np.cumsum(rng.uniform(0.05, 1.7, 3))[::-1], 0.0).round(3)
     moved = (rng.normal(size=(4, n)) * 0.3).round(3)
     end = even(rng, 5, 20, 3)
     call = f"""system = {model.source}
