@@ -49,6 +49,8 @@ contains
     element%exponent = numbers(6)
     element%whole = 0
     if (abs(numbers(6) - anint(numbers(6))) <= 0.0_wp) element%whole = nint(numbers(6))
+    ! ds/dx has |s|^n, s begins with x.
+    if (element%whole == 0) element%rough = 1.0_wp + element%exponent
     element%back = (numbers(5) - numbers(4))/(numbers(5) + numbers(4))
     element%largest = (numbers(3)/(numbers(4) + numbers(5)))**(1.0_wp/numbers(6))
   end subroutine new_bouc_wen

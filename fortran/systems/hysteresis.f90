@@ -19,6 +19,9 @@ module viscovib_hysteresis
     !> Stiffness beside the states (N/m), and their weights, shape (n_states).
     real(wp) :: elastic = 0.0_wp
     real(wp), allocatable :: weight(:)
+    !> The power with which the force begins at a kink, where it is not smooth on its sides (0: it
+    !! is).
+    real(wp) :: rough = 0.0_wp
   contains
     procedure(advance_interface), deferred :: advance
     procedure(slope_interface), deferred :: slope

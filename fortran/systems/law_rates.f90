@@ -3,6 +3,7 @@ module viscovib_law_rates
   use viscovib_kinds, only: wp
   use viscovib_law_program, only: wall
   use viscovib_law_term, only: law_term
+  use viscovib_moving_element, only: fastest_settling, moving_element
   implicit none
   private
 
@@ -17,13 +18,17 @@ contains
   !> The longest part of a step by the rates that laws have on it, so that the motion turns on it as
   !! little as that of the linear rest does in a step. `thin`: how many times as short the steps
   !! are as the longest of the runs that are compared; parts are as much shorter.
-  pure real(wp) function part_by_laws(laws, inverse, rate, h, thin, q, v) result(longest)
+  pure real(wp) function part_by_laws(laws, inverse, rate, h, thin, q, v, elements) &
+    result(longest)
     type(law_term), intent(in) :: laws(:)
     !> M^(-1); the rate of the linear rest, the step; states, shape (n, n_dof).
     real(wp), intent(in) :: inverse(:, :), rate, h, thin, q(:, :), v(:, :)
-    real(wp) :: angle
+    !> Their states settle, at rates that add to those of forces.
+    type(moving_element), intent(in) :: elements(:)
+    real(wp) :: angle, fastest
     angle = thin*max(least, min(most, rate*h/thin))
-    longest = max(angle/max(fastest_of_laws(laws, inverse, q, v), tiny(1.0_wp)), shortest*h)
+    fastest = fastest_of_laws(laws, inverse, q, v) + fastest_settling(elements, q, v)
+    longest = max(angle/max(fastest, tiny(1.0_wp)), shortest*h)
   end function part_by_laws
 
   !> An upper bound of the rates, at any of some states, of laws with the slopes f_q and f_v that

@@ -17,7 +17,7 @@ module viscovib_moving_element
   implicit none
   private
 
-  public :: moving_element, new_moving_element
+  public :: fastest_settling, moving_element, new_moving_element
 
   !> What `state` of a law that is a stop with restitution is; its numbers are gap, restitution, and
   !! 1 if it stands on both sides.
@@ -43,6 +43,8 @@ module viscovib_moving_element
   contains
     procedure :: n_surfaces
     procedure :: force
+    procedure :: settling
+    procedure :: roughness
     procedure :: surface
     procedure :: turn
     procedure :: set
@@ -92,6 +94,45 @@ contains
     call self%memory%advance(d - self%from, z, by_z, by_d, work)
     force = self%memory%force(d, z) - self%stiffness*d
   end function force
+
+  !> Of hysteresis: how fast its states settle where the deflection moves on so (1/s). A disturbance
+  !! of z' = g(z) d' changes as (dg/dz) d' times itself.
+  pure real(wp) function settling(self, d, rate)
+    class(moving_element), intent(in) :: self
+    real(wp), intent(in) :: d, rate
+    real(wp), dimension(size(self%z)) :: z, slopes, by_z, by_d
+    real(wp) :: work
+    z = self%z
+    call self%memory%advance(d - self%from, z, by_z, by_d, work)
+    call self%memory%slope(z, self%way, slopes, by_z)
+    settling = maxval(abs(by_z))*abs(rate)
+  end function settling
+
+  !> The largest of some elements at states, shape (n, n_dof).
+  pure real(wp) function fastest_settling(elements, q, v) result(fastest)
+    type(moving_element), intent(in) :: elements(:)
+    real(wp), intent(in) :: q(:, :), v(:, :)
+    integer :: i, k
+    fastest = 0.0_wp
+    do i = 1, size(elements)
+      if (elements(i)%is_stop) cycle
+      associate (e => elements(i)%e)
+        do k = 1, size(q, 1)
+          fastest = max(fastest, elements(i)%settling(dot_product(e, q(k, :size(e))), &
+                                                      dot_product(e, v(k, :size(e)))))
+        end do
+      end associate
+    end do
+  end function fastest_settling
+
+  !> The power with which the force begins at a surface, where it is not smooth on its sides (0: it
+  !! is).
+  pure real(wp) function roughness(self, which)
+    class(moving_element), intent(in) :: self
+    integer, intent(in) :: which
+    roughness = 0.0_wp
+    if (which == 2 .and. .not. self%is_stop) roughness = self%memory%rough
+  end function roughness
 
   !> What is watched of its surfaces, at a deflection and its rate: of hysteresis the rate, and how
   !! far the next kink is; of a stop how far it is.

@@ -325,7 +325,7 @@ contains
     class(polynomial_motion_type), intent(in) :: self
     real(wp), intent(in) :: q(:, :), v(:, :)
     longest_part = part_by_laws(self%laws%laws, self%inverse, self%linear_rate, self%step_length, &
-                                self%thin, q, v)
+                                self%thin, q, v, self%laws%elements)
   end function longest_part
 
   !> Elements that know what was begin here.

@@ -177,6 +177,8 @@ contains
       end associate
     end do
     do k = 1, size(holds)
+      if (self%element_of(k) > 0) self%signals(k)%rough = &
+        self%elements(self%element_of(k))%roughness(self%which(k))
       rough = pack(self%signals%rough, &
                    self%signals%rough > 0.0_wp .and. self%leader == self%leader(k))
       if (size(rough) > 0) self%signals(k)%rough = minval(rough)
@@ -184,14 +186,12 @@ contains
     if (allocated(self%sliding)) deallocate (self%sliding)
     n = 0
     do k = 1, size(holds)
-      if (holds(k) /= slides) cycle
-      if (self%leader(k) == k) n = n + 1
+      if (holds(k) == slides .and. self%leader(k) == k) n = n + 1
     end do
     allocate (self%sliding(n))
     j = 0
     do k = 1, size(holds)
-      if (holds(k) /= slides) cycle
-      if (self%leader(k) /= k) cycle
+      if (holds(k) /= slides .or. self%leader(k) /= k) cycle
       j = j + 1
       if (self%element_of(k) > 0) then
         self%sliding(j)%leader = k
