@@ -229,10 +229,9 @@ def integrate(
     """States at ascending times by DOP853, begun anew at each break.
 
     Between its steps DOP853 interpolates with order 7, which may leave 1e-10: they end at times, or
-    are no longer than what lies between these.
+    are no longer than what lies between these in the piece from break to break.
     """
     times = np.asarray(times, float)
-    longest = np.inf if times.size <= _FEW_TIMES else float(np.median(np.diff(times)))
     out = np.full((times.size, y.size), np.nan)
     out[times == begin] = y
     ends = set(times[times > begin]) if times.size <= _FEW_TIMES else {float(times[-1])}
@@ -240,6 +239,8 @@ def integrate(
     for end in ends:
         inside = (times > begin) & (times <= end)
         at = np.unique(np.append(times[inside], end))
+        many = times.size > _FEW_TIMES and at.size > 1
+        longest = float(np.median(np.diff(at, prepend=begin))) if many else np.inf
         size = max(1e-300, float(np.abs(y).max()))
         found = solve_ivp(
             # A load may jump at the ends of the piece: it is taken from inside.
