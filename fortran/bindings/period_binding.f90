@@ -2,14 +2,16 @@
 
 !> A motion of a polynomial system from t = 0, in n_steps equal steps h, and what small disturbances
 !! of its start have become at the end: by_start(i, j) is the derivative of number i of the last
-!! state by number j of the first. A state are coordinates and velocities by turns, then the rates
-!! of what is remembered, n_wide numbers in all; the system, its load and the method as in
+!! state by number j of the first. With beside = 0 they are not followed, and known is 0: the motion
+!! alone takes far less time. A state are coordinates and velocities by turns, then the rates of
+!! what is remembered, n_wide numbers in all; the system, its load and the method as in
 !! `polynomial_simulate`. at_times: states at ascending times, n_reached of them, without what is
 !! remembered. n_passed: surfaces passed; known = 0:
 !! disturbances are not known.
 subroutine polynomial_period(flat, n_flat, orders, series, n_rows, n_series, nu, method, thin, &
-                             h, n_steps, tolerance, begin, n_wide, times, n_times, last, by_start, &
-                             at_times, n_reached, n_passed, known, ended, t_reached, status)
+                             h, n_steps, tolerance, begin, n_wide, times, n_times, beside, last, &
+                             by_start, at_times, n_reached, n_passed, known, ended, t_reached, &
+                             status)
   use, intrinsic :: iso_c_binding, only: c_double, c_double_complex, c_int, c_long
   use viscovib_binding_tools, only: make_load, report
   use viscovib_fitted_motion, only: new_fitted_motion
@@ -25,7 +27,7 @@ subroutine polynomial_period(flat, n_flat, orders, series, n_rows, n_series, nu,
   use viscovib_system_vector, only: polynomial_from_vector
   implicit none
   integer(c_int), intent(in) :: n_flat, n_rows, n_series, orders(n_series), method, n_wide
-  integer(c_int), intent(in) :: n_times
+  integer(c_int), intent(in) :: n_times, beside
   integer(c_long), intent(in) :: n_steps
   real(c_double), intent(in) :: flat(n_flat), nu, thin, h, tolerance, begin(n_wide)
   real(c_double), intent(in) :: times(n_times)
@@ -38,7 +40,7 @@ subroutine polynomial_period(flat, n_flat, orders, series, n_rows, n_series, nu,
   type(polynomial_motion_type) :: motion
   type(load_type) :: load
   class(stepper_type), allocatable :: stepper
-  type(motion_beside) :: beside
+  type(motion_beside) :: along
   type(status_type) :: outcome
   real(c_double), allocatable :: hidden(:), whole(:, :), none(:, :)
   integer, allocatable :: place(:)
@@ -74,22 +76,27 @@ subroutine polynomial_period(flat, n_flat, orders, series, n_rows, n_series, nu,
     call new_stepper(stepper, motion, method, [begin(1:2*n:2), hidden], &
                      [begin(2:2*n:2), begin(2*n + 1:)], 0.0_c_double, h, tolerance)
     motion%thin = thin
-    call beside%begin(motion%n_dof)
     allocate (none(2*n, 0))
-    call simulate(stepper, motion, 0_c_long, n_steps, 1_c_long, times, none, at_times, n_done, &
-                  n_reached, t_reached, ended, beside=beside)
+    if (beside /= 0) then
+      call along%begin(motion%n_dof)
+      call simulate(stepper, motion, 0_c_long, n_steps, 1_c_long, times, none, at_times, n_done, &
+                    n_reached, t_reached, ended, beside=along)
+      ! Of all coordinates, then of all velocities, the place of each number of the state.
+      allocate (place(2*n + motion%n_hidden))
+      place = [([i, motion%n_dof + i], i=1, n), (motion%n_dof + i, i=n + 1, motion%n_dof)]
+      allocate (whole(2*motion%n_dof, 2*motion%n_dof))
+      whole(:motion%n_dof, :) = along%q
+      whole(motion%n_dof + 1:, :) = along%v
+      by_start = whole(place, place)
+      n_passed = along%n_passed
+      known = merge(1, 0, along%known)
+    else
+      call simulate(stepper, motion, 0_c_long, n_steps, 1_c_long, times, none, at_times, n_done, &
+                    n_reached, t_reached, ended)
+    end if
     last(1:2*n:2) = stepper%q(:n)
     last(2:2*n:2) = stepper%v(:n)
     last(2*n + 1:) = stepper%v(n + 1:)
-    ! Of all coordinates, then of all velocities, the place of each number of the state.
-    allocate (place(2*n + motion%n_hidden))
-    place = [([i, motion%n_dof + i], i=1, n), (motion%n_dof + i, i=n + 1, motion%n_dof)]
-    allocate (whole(2*motion%n_dof, 2*motion%n_dof))
-    whole(:motion%n_dof, :) = beside%q
-    whole(motion%n_dof + 1:, :) = beside%v
-    by_start = whole(place, place)
-    n_passed = beside%n_passed
-    known = merge(1, 0, beside%known)
   end if
   call report(outcome, status)
 end subroutine polynomial_period

@@ -12,6 +12,7 @@
 !! Where the motion stays on its surface, as where friction sticks, that leaves no disturbance off
 !! it: a column less, and a multiplier that is exactly 0.
 module viscovib_motion_beside
+  use viscovib_base_step, only: base_step
   use viscovib_dense, only: factorize, solve_columns
   use viscovib_driven_system, only: driven_system_type
   use viscovib_gauss_table, only: gauss_table_type, new_gauss_table
@@ -27,6 +28,8 @@ module viscovib_motion_beside
 
   !> Change of an acceleration, as a part of its terms, that is rounding.
   real(wp), parameter :: same = 1.0e-10_wp
+  !> Coordinates from which on steps of a length that comes again share what is linear in them.
+  integer, parameter :: many = 8
 
   type :: motion_beside
     !> Derivatives of coordinates and velocities, a column each, shape (n_dof, n_columns).
@@ -34,8 +37,12 @@ module viscovib_motion_beside
     !> Whether these are known, and how many surfaces were passed.
     logical :: known = .true.
     integer :: n_passed = 0
-    !> Weights of v and q, sums over nodes and double sums.
-    real(wp), allocatable, private :: b(:), b_q(:), a(:, :), a_q(:, :)
+    !> Nodes, weights of v and q, sums over nodes and double sums.
+    real(wp), allocatable, private :: c(:), b(:), b_q(:), a(:, :), a_q(:, :)
+    !> What steps of one length share, and lengths of the last steps: parts of steps, which end where
+    !! laws switch, do not come again.
+    type(base_step), private :: base
+    real(wp), private :: lengths(4) = 0.0_wp
     !> At a surface: velocities and accelerations before; h by coordinates and velocities, and how
     !! fast it changes along the motion.
     real(wp), allocatable, private :: v_before(:), a_before(:), h_q(:), h_v(:)
@@ -49,6 +56,7 @@ module viscovib_motion_beside
     procedure :: arrive
     procedure :: depart
     procedure, private :: take_table
+    procedure, private :: share
   end type motion_beside
 
 contains
@@ -97,7 +105,7 @@ contains
     real(wp) :: h
     integer, allocatable :: pivots(:)
     integer :: i, j, m, n, s
-    logical :: singular
+    logical :: singular, done
 
     if (.not. self%known) return
     s = size(path%points) - 2
@@ -105,7 +113,17 @@ contains
     m = size(self%q, 2)
     h = path%h
     call self%take_table(s)
+    self%c = path%points(2:s + 1)
     call slopes_at_nodes(system, path, by_q, by_v)
+    if (n >= many) then
+      call self%share(h, by_q(:, :, 1), by_v(:, :, 1))
+      done = .false.
+      if (abs(self%base%h - h) <= 0.0_wp) then
+        call self%base%advance(by_q, by_v, self%c, self%b_q, self%b, self%a_q, self%a, self%q, &
+                               self%v, done)
+      end if
+      if (done) return
+    end if
     allocate (g(s*n, s*n), x(s*n, m), pivots(s*n))
     do i = 1, s
       do j = 1, s
@@ -128,6 +146,18 @@ contains
       self%v = self%v + h*self%b(i)*x((i - 1)*n + 1:i*n, :)
     end do
   end subroutine follow
+
+  !> Make a base of steps h with these slopes, if such a step was among the last ones.
+  subroutine share(self, h, by_q, by_v)
+    class(motion_beside), intent(inout) :: self
+    real(wp), intent(in) :: h, by_q(:, :), by_v(:, :)
+    logical :: singular
+
+    if (any(abs(self%lengths - h) <= 0.0_wp) .and. abs(self%base%h - h) > 0.0_wp) then
+      call self%base%make(h, by_q, by_v, self%c, self%b_q, self%b, self%a_q, self%a, singular)
+    end if
+    self%lengths = [self%lengths(2:), h]
+  end subroutine share
 
   !> Derivatives of the accelerations at the nodes, (equation, by, node).
   subroutine slopes_at_nodes(system, path, by_q, by_v)

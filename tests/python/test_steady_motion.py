@@ -128,6 +128,54 @@ def test_derivatives_across_switches(name):
         np.testing.assert_allclose(ran.by_start, np.array(beside).T, atol=2e-7)
 
 
+ELEMENTS = [
+    lambda rng, on: vv.Gap(on=on, stiffness=rng.uniform(5, 60), gap=rng.uniform(0.01, 0.1)),
+    lambda rng, on: vv.Spring(on=on, stiffness=rng.uniform(0, 20), law="50*d^3 + 3*d^2"),
+    lambda rng, on: vv.Spring(on=on, stiffness=0, law="v*abs(v) + 0.1*tanh(v/0.3)"),
+    lambda rng, on: vv.Spring(on=on, stiffness=0, law="0.1*sign(v)"),
+    lambda rng, on: vv.Gap(on=on, gap=rng.uniform(0.05, 0.1), restitution=0.6),
+]
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_derivatives_in_many_coordinates(seed):
+    """Steps of a length that comes again share what is linear in disturbances: in any unit."""
+    from viscovib.analyses.period_map import PeriodMap
+
+    rng = np.random.default_rng(seed)
+    n = int(rng.integers(8, 20))
+    units = 10 ** rng.uniform(-3, 3, n) if seed % 2 else np.ones(n)
+    springs = rng.uniform(5, 30, n + 1)
+    matrix = np.diag(springs[1:] + springs[:-1]) - np.diag(springs[1:-1], 1)
+    matrix = matrix - np.diag(springs[1:-1], -1)
+    mass = np.diag(rng.uniform(0.5, 2, n))
+    places = rng.permutation(n)[: int(rng.integers(1, 4))]
+    elements = [
+        ELEMENTS[int(rng.integers(len(ELEMENTS)))](rng, {f"x{i + 1}": units[i]}) for i in places
+    ]
+    system = vv.Structure(
+        mass=mass * np.outer(units, units),
+        stiffness=matrix * np.outer(units, units),
+        damping=0.02 * matrix * np.outer(units, units),
+        elements=elements,
+    )
+    load = rng.normal(size=n) * units
+    mapping = PeriodMap.checked(system, load, rng.uniform(0.8, 2), 1, "auto")
+    turn = np.repeat(units, 2)
+    state = rng.normal(size=2 * n) * 0.03 / turn
+    steps, h = 2 * mapping.first_steps, 3e-7
+    state = mapping.run(state, steps, beside=False).last
+    ran = mapping.run(state, steps)
+    assert ran.outcome == "completed"
+    np.testing.assert_array_equal(ran.last, mapping.run(state, steps, beside=False).last)
+    for i in rng.permutation(2 * n)[:6]:
+        one = np.zeros(2 * n)
+        one[i] = h / turn[i]
+        ahead, back = (mapping.run(state + a * one, steps, beside=False) for a in (1, -1))
+        by = (ahead.last - back.last) * turn / (2 * h)
+        np.testing.assert_allclose(ran.by_start[:, i] * turn / turn[i], by, atol=3e-6)
+
+
 def test_period_of_two_loads():
     """Behind a doubling the motion repeats after two periods; the old one is unstable."""
     near = [-1.7437, -0.5182, -0.6096, 0.2772]

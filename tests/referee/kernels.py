@@ -182,7 +182,10 @@ hats, value, integral = kernel.transform({mu}), kernel({at.tolist()}), kernel.in
         blur = blur * np.abs(hats) + (2e-16 * t[-1] * v[-1] if kind == "linear" else 0)
         yield Claim("transform of a table", names["hats"], hats, blur)
         yield Claim("value of a table", names["value"], true, 1e-13 * true)
-        yield Claim("integral of a table", names["integral"], total, 1e-13 * total)
+        if np.isinf(total):  # The last two values are the same: it never ends.
+            yield Claim("integral without end", bool(np.isposinf(names["integral"])), True)
+        else:
+            yield Claim("integral of a table", names["integral"], total, 1e-13 * total)
 
     return Case(call, judge)
 

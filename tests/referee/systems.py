@@ -5,7 +5,7 @@ import math
 import numpy as np
 
 from referee.case import Case, Claim, even, few
-from referee.models import Swinging, chain, pendulum
+from referee.models import Swinging, chain, escape, pendulum
 
 JUDGES = (
     "Pendulum", "Pendulum.from_physical", "Pendulum.r", "Pendulum.z_r",
@@ -103,6 +103,7 @@ def _polynomial_energy(rng, index):
 energy = system.energy({state.tolist()})
 run = vv.simulate(system, 12, dt=0.05, initial={(state[0] * 0.3).tolist()})
 drift, defect = system.energy(run.state) - system.energy(run.state[0]), run.energy_defect()
+outcome, reached = run.outcome, run.t_reached
 """
 
     def judge(names, told):
@@ -115,6 +116,13 @@ drift, defect = system.energy(run.state) - system.energy(run.state[0]), run.ener
         yield Claim(
             "energy of a polynomial system", names["energy"], true, 1e-13 * (1 + np.abs(true))
         )
+        if names["outcome"] == "diverged":
+            # A spring that lets go: energies of what runs away are differences of large numbers.
+            gone = escape(model.equations(None), model.start(state[0] * 0.3), n, 12.0)
+            yield Claim("it runs away", gone is not None, True)
+            if gone is not None:
+                yield Claim("when", names["reached"], gone, 0.01 * gone, damage=0.1)
+            return
         size = np.abs(true).max()
         yield Claim("energy is kept", 1 + np.abs(names["drift"]).max(), 1.0, 1e-11 * (1 + size))
         yield Claim(

@@ -183,7 +183,7 @@ class MotionPath:
         state = point.z[:-1] * self.units[:-1]
 
         def states_at(t: FloatArray) -> FloatArray:
-            return mapping.run(state, self.steps, times=t).at_times
+            return mapping.run(state, self.steps, times=t, beside=False).at_times
 
         t = np.linspace(0.0, mapping.period, max(SHOWN, self.steps) + 1)
         states = states_at(t)

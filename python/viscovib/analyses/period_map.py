@@ -43,7 +43,7 @@ class Ran(NamedTuple):
     """A motion over the whole time of the map."""
 
     last: FloatArray
-    #: Derivatives of the last state by the first.
+    #: Derivatives of the last state by the first; 0 if they were not followed.
     by_start: FloatArray
     #: States at the times asked for, as many as were reached, without what is remembered.
     at_times: FloatArray
@@ -166,8 +166,14 @@ class PeriodMap:
             )
         return max(_LEAST * self.n_periods, math.ceil(many))
 
-    def run(self, state: FloatArray, steps: int, times: FloatArray | None = None) -> Ran:
-        """Make the motion from a state, in so many steps."""
+    def run(
+        self,
+        state: FloatArray,
+        steps: int,
+        times: FloatArray | None = None,
+        beside: bool = True,
+    ) -> Ran:
+        """Make the motion from a state, in so many steps; ``beside``: and those beside it."""
         found = _native.call_either(
             steps > _native.MANY_STEPS,
             core.polynomial_period,
@@ -182,10 +188,11 @@ class PeriodMap:
             ROUNDING,
             state,
             nothing(0) if times is None else times,
+            int(beside),
         )
         last, by_start, at_times, n_reached, passed, known, ended, reached = found
         outcome = OUTCOMES[int(ended)]
-        if outcome == "completed" and not known:
+        if outcome == "completed" and beside and not known:
             outcome = "grazing"
         return Ran(last, by_start, at_times.T[:n_reached], int(passed), outcome, float(reached))
 

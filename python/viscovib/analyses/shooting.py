@@ -188,7 +188,7 @@ def _from_rest(mapping: PeriodMap, wanted: Accuracy) -> Refined:
     for periods in _SETTLING:
         for _ in range(periods):
             ran = _one_period(one, state)
-            if ran.outcome not in ("completed", "grazing"):
+            if ran.outcome != "completed":
                 break
             state = ran.last
         found = refine(mapping, state, wanted)
@@ -200,11 +200,11 @@ def _from_rest(mapping: PeriodMap, wanted: Accuracy) -> Refined:
 
 def _one_period(one: PeriodMap, state: FloatArray) -> Ran:
     """A period in few steps; from rest against a stop only short ones lead on."""
-    ran = one.run(state, one.first_steps)
+    ran = one.run(state, one.first_steps, beside=False)
     for k in range(1, _SHORTER + 1):
         if ran.outcome != "step too large":
             break
-        ran = one.run(state, 16**k * one.first_steps)
+        ran = one.run(state, 16**k * one.first_steps, beside=False)
     return ran
 
 
@@ -332,7 +332,7 @@ def motion_of(
     n = 2 * mapping.n_dof
     parts = math.ceil(SHOWN / found.steps)
     t = np.linspace(0.0, mapping.period, parts * found.steps + 1)
-    ran = mapping.run(found.found.state, found.steps, times=t)
+    ran = mapping.run(found.found.state, found.steps, times=t, beside=False)
     return SteadyMotion(
         nu=mapping.nu,
         n_periods=mapping.n_periods,
