@@ -39,8 +39,8 @@ module viscovib_motion_beside
     integer :: n_passed = 0
     !> Nodes, weights of v and q, sums over nodes and double sums.
     real(wp), allocatable, private :: c(:), b(:), b_q(:), a(:, :), a_q(:, :)
-    !> What steps of one length share, and lengths of the last steps: parts of steps, which end where
-    !! laws switch, do not come again.
+    !> What steps of one length share, and lengths of the last steps: parts of steps, which end
+    !! where laws switch, do not come again.
     type(base_step), private :: base
     real(wp), private :: lengths(4) = 0.0_wp
     !> At a surface: velocities and accelerations before; h by coordinates and velocities, and how

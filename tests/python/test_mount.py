@@ -158,3 +158,13 @@ def test_memory_scale_zero_silences_the_warning_and_the_memory(mount):
     nu = np.linspace(0.3, 5.0, 7)
     assert (silent.dynamic_stiffness(nu) == none.dynamic_stiffness(nu)).all()
     assert "no memory" in str(vv.forced_response(silent, nu, load=0.01, method="linear").plan)
+
+
+@pytest.mark.filterwarnings("error")
+def test_loads_beyond_all_frequencies(mount):
+    """Only a base that moves accelerates by the square of its frequency."""
+    body = mount()
+    run = vv.simulate(body, 3, load=0.1, nu=1e300, dt=0.1)
+    assert run.outcome == "completed"
+    with pytest.raises(vv.InputError, match="beyond all range"):
+        vv.simulate(body, 3, base=0.1, nu=1e300, dt=0.1)

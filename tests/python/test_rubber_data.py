@@ -208,6 +208,17 @@ class TestKramersKronig:
         assert not found.consistent
         assert np.median(found.ratio) == pytest.approx(1.7, rel=0.03)
 
+    def test_weak_rubber_leaves_doubt(self):
+        """Storage that varies by a tenth, as measured ones are off: the summary tells."""
+        nu = np.geomspace(1e-2, 1e4, 40)
+        hats = vv.RabotnovKernel(amplitude=1, alpha=0.5, beta=2).transform(nu)
+        stiff = 1e6 * (1 - 0.1 * hats / np.abs(hats).max())
+        for factor in (1.0, 1.7):
+            data = vv.ModulusData(frequencies=nu, storage=stiff.real, loss=factor * stiff.imag)
+            found = vv.kramers_kronig(data)
+            assert ("tells little" in found.summary()) is (factor > 1)
+            assert 0.08 < found.storage_varies < 0.11
+
     def test_swapped_columns_are_told(self):
         """The storage would have to fall, which leaves no loss at all."""
         data = made(KERNELS["rabotnov"])

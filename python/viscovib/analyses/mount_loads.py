@@ -33,10 +33,11 @@ def sinusoids(
     amplitudes = np.array(np.where(apart, 0.0, series[:n]), order="F")
     direction = mount._base_direction
     moved = np.where(apart, series[:n], 0.0)
-    if direction is not None:
-        amplitudes += np.outer(mount._mass_matrix @ direction, frequencies**2 * series[n])
+    if direction is not None and series[n].any():
+        squares = _squares(frequencies)
+        amplitudes += np.outer(mount._mass_matrix @ direction, squares * series[n])
     if apart.any():
-        amplitudes += mount._mass_matrix @ (frequencies**2 * moved)
+        amplitudes += mount._mass_matrix @ (_squares(frequencies) * moved)
     if direction is not None:
         moved += np.outer(direction, series[n])
     space = getattr(mount, "_space", None)
@@ -44,6 +45,15 @@ def sinusoids(
         amplitudes -= space[0] @ (1j * frequencies * moved) + space[1] @ moved
     waves = moved if apart.any() else series[n:]
     return frequencies, amplitudes, np.asfortranarray(waves)
+
+
+def _squares(frequencies: FloatArray) -> FloatArray:
+    """Squares of frequencies of a moving base: what it accelerates by."""
+    with np.errstate(over="ignore"):
+        squares = frequencies**2
+    if not np.isfinite(squares).all():
+        raise InputError(f"nu: {frequencies.max():.3g} rad/s of a moving base is beyond all range")
+    return squares
 
 
 def inertia_of(mount: Oscillator, times: FloatArray, cubics: FloatArray) -> FloatArray:

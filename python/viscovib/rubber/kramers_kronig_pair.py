@@ -29,6 +29,8 @@ _PER_DECADE, _BEYOND = 2.0, 1.0
 _FACTOR, _SLACK = 1.5, 0.03
 #: The spectrum from storage alone is as smooth as leaves storage this much worse.
 _ROUGHER, _LEAST = 1.2, 5e-4
+#: Storage that varies by less, as a part of the largest, tells little of the loss.
+_WEAK = 0.2
 #: Loss that is further from the one that belongs to the storage is told.
 _TELLING = 1.25
 #: What storage tells of the loss at the ends of a range is not judged (decades).
@@ -43,11 +45,15 @@ class KramersKronig(Result):
     Attributes
     ----------
     consistent : bool
-        Whether one material may have both parts, as far as their scatter tells.
+        Whether one material may have both parts, as far as their scatter tells. Measured moduli
+        are off by a percent or two, so that 3 % are allowed: a storage that varies by less than
+        a fifth tells little of the loss, which the summary says.
     together : tuple of float
         Relative rms residuals (storage, loss) of the spectrum closest to both, equal weights.
     storage_alone, loss_alone : float
         Relative rms residual of the spectrum closest to one part: its own scatter.
+    storage_varies : float
+        Largest less smallest storage, as a part of the largest.
     frequencies : ndarray, shape (n,)
         Circular frequencies (rad/s), ascending.
     expected_loss : ndarray, shape (n,)
@@ -71,6 +77,7 @@ class KramersKronig(Result):
     together: tuple[float, float]
     storage_alone: float
     loss_alone: float
+    storage_varies: float
     frequencies: FloatArray
     expected_loss: FloatArray
     ratio: FloatArray
@@ -85,7 +92,14 @@ class KramersKronig(Result):
             f"{100 * self.storage_alone:.2g} %, loss alone {100 * self.loss_alone:.2g} %"
         )
         if self.consistent:
-            return f"storage and loss belong together: {both}"
+            doubt = ""
+            middle = float(np.median(self.ratio))
+            if self.storage_varies < _WEAK and not 1 / _TELLING < middle < _TELLING:
+                doubt = (
+                    f"; the storage varies by {100 * self.storage_varies:.2g} % only and tells "
+                    f"little: the loss is {middle:.2g} times what belongs to the smoothest spectrum"
+                )
+            return f"storage and loss may belong together: {both}{doubt}"
         places = [
             f"from {_hertz(low)} to {_hertz(high)} the loss is {least:.2g} to {most:.2g} times "
             "what belongs to the storage"
@@ -108,6 +122,7 @@ class KramersKronig(Result):
                 "together": self.together,
                 "storage_alone": self.storage_alone,
                 "loss_alone": self.loss_alone,
+                "storage_varies": self.storage_varies,
             },
         )
 
@@ -180,6 +195,7 @@ def kramers_kronig(data: ModulusData) -> KramersKronig:
         together=together,
         storage_alone=alone,
         loss_alone=of_loss,
+        storage_varies=float(np.ptp(storage) / np.abs(storage).max()),
         frequencies=nu,
         expected_loss=expected,
         ratio=ratio,
