@@ -53,6 +53,9 @@ def _judge_points(model, names, load, tolerance, rng):
     if branch.varies != "nu" or not len(branch.folds) or model.n > 2:
         return
     i = int(rng.integers(len(branch.folds)))
+    # One of as many orders or fewer would be the less exact of both.
+    if orders.max() > 24:
+        return
     balance = Balance(model, min(2 * int(orders.max()) + 4, 31))
     start = balance.real(branch.fold_coefficients[i], orders)
     own = balance.fold(start, float(branch.folds[i]), load_rows(balance, load))
