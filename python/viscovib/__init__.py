@@ -85,6 +85,7 @@ _NAMES = {
     "systems.friction": "BoucWen Dahl Iwan Jenkins",
     "systems.load": "fourier_coefficients",
     "systems.load_table": "LoadTable",
+    "systems.modal_model": "ModalModel",
     "systems.mount": "Mount",
     "systems.pendulum": "Pendulum",
     "systems.polynomial_system": "PolynomialSystem",
@@ -302,6 +303,7 @@ if TYPE_CHECKING:
     )
     from viscovib.systems.load import fourier_coefficients as fourier_coefficients
     from viscovib.systems.load_table import LoadTable as LoadTable
+    from viscovib.systems.modal_model import ModalModel as ModalModel
     from viscovib.systems.mount import Mount as Mount
     from viscovib.systems.pendulum import Pendulum as Pendulum
     from viscovib.systems.polynomial_system import PolynomialSystem as PolynomialSystem

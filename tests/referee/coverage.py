@@ -19,6 +19,7 @@ FAMILIES = (
 _ARRAYS = "its own arrays, which test_results compares"
 _PICTURE = "a picture: numbers are those of the result it is given"
 _WHOLE = "tests/python/test_structure.py compares it with the whole system"
+_MODES = "tests/python/test_modal_model.py compares it with the whole structure"
 NOTHING_TO_JUDGE = {
     "Coupling": _WHOLE,
     "MountForces.lost_in_turning": "tests/python/test_body.py: the balance of power of bodies",
@@ -38,6 +39,12 @@ NOTHING_TO_JUDGE = {
     "Structure.write": "tests/python/test_structure_files.py writes and reads",
     "Structure.n_coordinates": _WHOLE,
     "Structure.rate_units": _WHOLE,
+    "Structure.in_modes": _MODES,
+    "ModalModel": _MODES,
+    "ModalModel.load": _MODES,
+    "ModalModel.displacements": _MODES,
+    "ModalModel.velocities": _MODES,
+    "ModalModel.start": _MODES,
     "LoadTable.half_sine": "tests/python/test_shocks.py: Duhamel's integral of each mode",
     "LoadTable.sawtooth": "tests/python/test_shocks.py: Duhamel's integral of each mode",
     "Explorer": "a page: numbers are those of the scene it shows",

@@ -87,7 +87,7 @@ def _lacks_wholeness(system: Structure) -> str | None:
     if n > MOST_IN_FRAME:
         return f"is for structures of at most {MOST_IN_FRAME} coordinates, has {n}"
     if system._reduced is not None:
-        return "is for structures that are not reduced"
+        return "is for structures that are not reduced: take structure.in_modes()"
     if not _all_has_mass(system):
         return "is for structures all of whose coordinates have mass"
     return None

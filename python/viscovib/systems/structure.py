@@ -44,6 +44,7 @@ from viscovib.systems.structure_rest import ModalDamping, Rest, dense_rest
 
 if TYPE_CHECKING:
     from viscovib.systems.characteristic import CharacteristicRoots
+    from viscovib.systems.modal_model import ModalModel
     from viscovib.systems.reduced import ReducedRest
 
 #: Coordinates up to which all are given where none are chosen.
@@ -364,6 +365,27 @@ class Structure:
         result.__dict__["_rest"] = found.rest
         return result
 
+    def in_modes(self) -> "ModalModel":
+        """Return a reduced structure as a small one in the amplitudes of its modes.
+
+        Whatever takes a `Structure` of few coordinates takes that: steps in time end where
+        friction, gaps and stops switch, motions that repeat are found in time, with events,
+        ensembles and exponents. Elements act in the same directions.
+
+        Returns
+        -------
+        ModalModel
+
+        Raises
+        ------
+        InputError
+            If the structure is not reduced, has a loss factor, or loads and elements act on
+            coordinates without mass.
+        """
+        from viscovib.systems.modal_model import modal_model
+
+        return modal_model(self)
+
     @classmethod
     def read(
         cls,
@@ -482,7 +504,8 @@ class Structure:
     def _wanted(self, coordinates: Any, loaded: LoadedStructure) -> npt.NDArray[np.intp]:
         """Places of the coordinates that results hold."""
         if coordinates is None:
-            if self.n_coordinates <= ALL_GIVEN:
+            # Amplitudes of modes stand for all coordinates together.
+            if self.n_coordinates <= ALL_GIVEN or self.__dict__.get("_all_given"):
                 return np.arange(self.n_coordinates)
             touched = loaded.forces.any(axis=1)
             for element in self._all_elements:

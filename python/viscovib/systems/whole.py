@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from functools import wraps
+from math import comb, prod
 from typing import Any, TypeVar
 from weakref import WeakKeyDictionary
 
@@ -14,7 +15,7 @@ from viscovib._native import FloatArray, core
 from viscovib.errors import InputError
 from viscovib.systems.element_laws import Monomials, add_force
 from viscovib.systems.elements import coupling_terms
-from viscovib.systems.laws import Law
+from viscovib.systems.laws import Law, compile_law
 from viscovib.systems.layers import Layers
 from viscovib.systems.polynomial_system import PolynomialSystem
 from viscovib.systems.refined_modes import refined_modes
@@ -22,6 +23,8 @@ from viscovib.systems.structure import Structure
 from viscovib.systems.structure_matrices import dense_of, with_elements
 
 _Told = TypeVar("_Told")
+#: Products of coordinates that a power of deflections may become; beyond them it is a law of these.
+_MOST_PRODUCTS = 500
 
 
 def once_each(function: Callable[[Structure], _Told]) -> Callable[[Structure], _Told]:
@@ -138,18 +141,28 @@ def whole_system(structure: Structure) -> PolynomialSystem:
     for element in elements:
         mix = _mix(element.direction)
         behind = place.get(element.kernel, 0)
-        for power, c in element.powers.items():
-            if power > 1:
-                add_force(forces[behind], c, mix, [(mix, power)], n)
+        powers = {power: c for power, c in element.powers.items() if power > 1}
+        if powers and _n_products(mix, [(mix, max(powers))]) > _MOST_PRODUCTS:
+            law = _power_law({(power,): c for power, c in powers.items()}, 1)
+            laws.append(law.numbers(element.direction[np.newaxis], mix, behind))
+            powers = {}
+        for power, c in powers.items():
+            add_force(forces[behind], c, mix, [(mix, power)], n)
         if element.law is not None:
             laws.append(element.law.numbers(element.direction[np.newaxis], mix, behind))
     for coupling in coupling_terms(structure.elements, structure.dof_names, structure._places):  # type: ignore[attr-defined]
         own = [_mix(e) for e in coupling.directions]
         behind = place.get(coupling.kernel, 0)
-        for (on, powers), c in coupling.forces.items():
-            factors = [(own[j], p) for j, p in enumerate(powers) if p]
-            add_force(forces[behind], c, own[on], factors, n)
         reads = np.array(coupling.directions)
+        many: dict[int, dict[tuple[int, ...], float]] = {}
+        for (on, orders), c in coupling.forces.items():
+            factors = [(own[j], p) for j, p in enumerate(orders) if p]
+            if _n_products(own[on], factors) > _MOST_PRODUCTS:
+                many.setdefault(on, {})[orders] = c
+            else:
+                add_force(forces[behind], c, own[on], factors, n)
+        for on, terms in many.items():
+            laws.append(_power_law(terms, len(own)).numbers(reads, own[on], behind))
         laws += [law.numbers(reads, own[on], behind) for on, law in coupling.programs]
     whole = _Whole(
         mass=mass, stiffness=stiffness, damping=damping, base_direction=structure.base_direction
@@ -185,6 +198,21 @@ def n_hidden(system: PolynomialSystem, h: float = 0.0, reach: float = 0.0) -> tu
         return 0, False
     count, fitted = _native.call(core.hidden_coordinates, flat, h, reach)
     return int(count), bool(fitted)
+
+
+def _n_products(on: Mapping[int, float], factors: list[tuple[dict[int, float], int]]) -> int:
+    """How many products of coordinates a product of powers of combinations becomes."""
+    return len(on) * prod(comb(len(mix) + power - 1, power) for mix, power in factors)
+
+
+def _power_law(terms: Mapping[tuple[int, ...], float], n: int) -> Law:
+    """Return a polynomial in n deflections, {powers: coefficient}, as a program."""
+    names = [f"d{j}" for j in range(n)]
+    texts = [
+        "*".join([repr(float(c)), *(f"{names[j]}^{p}" for j, p in enumerate(powers) if p)])
+        for powers, c in terms.items()
+    ]
+    return compile_law("law", " + ".join(f"({text})" for text in texts), names, {})
 
 
 def _mix(direction: FloatArray) -> dict[int, float]:

@@ -1,0 +1,198 @@
+"""A reduced structure as a small one of its own, in the amplitudes of its modes."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from viscovib import _native
+from viscovib._native import FloatArray
+from viscovib.errors import InputError
+from viscovib.systems.elements import Coupling, Spring, direction_of
+from viscovib.systems.layers import Layers
+from viscovib.systems.structure import Structure
+
+
+@dataclass(frozen=True, eq=False)
+class ModalModel:
+    """What `Structure.in_modes` makes: u = shapes q, and the equations of q as a `Structure`.
+
+    Attributes
+    ----------
+    structure : Structure
+        q'' + C q' + diag(squares) q + elements = shapes' p, coordinates "q1", "q2", ...: all that
+        takes a structure takes it.
+    shapes : ndarray, shape (n, m)
+        Displacements of all coordinates in each mode, shapes' M shapes = 1.
+    names : tuple of str
+        Of the coordinates u.
+    error : float
+        Largest relative error of displacements that the reduction leaves up to its highest
+        frequency (`Reduction.largest_error`): errors of results of ``structure`` do not hold it.
+
+    Examples
+    --------
+    >>> import numpy as np, scipy.sparse as sp, viscovib as vv
+    >>> k = sp.diags_array([-1.0, 2.0, -1.0], offsets=[-1, 0, 1], shape=(900, 900)) * 1e4
+    >>> bar = vv.Structure(mass=sp.eye_array(900), stiffness=k, modal_damping=0.02,
+    ...                    elements=[vv.Jenkins(on="x900", stiffness=5.0, limit=0.01)])
+    >>> modal = bar.reduce(frequency=2.0, loads=["x300"]).in_modes()
+    >>> run = vv.simulate(modal.structure, 10, load=modal.load({"x300": 0.1}), nu=1.0)
+    >>> u = modal.displacements(run.state, ["x900"])
+    >>> u.shape == (run.t.size, 1) and run.complete
+    True
+    """
+
+    structure: Structure
+    shapes: FloatArray
+    names: tuple[str, ...]
+    error: float
+    #: M shapes, from displacements to amplitudes.
+    _seen: FloatArray = field(repr=False)
+
+    def _place(self) -> dict[str, int]:
+        return {name: i for i, name in enumerate(self.names)}
+
+    def load(self, load: Any) -> npt.NDArray[Any]:
+        """Return what a load pushes the modes with, shape (m,).
+
+        Parameters
+        ----------
+        load : str, tuple, mapping or array_like
+            A unit load as ``on`` of a `Spring`: a coordinate, two for what acts between them, a
+            mapping {name: force}, or shape (n,); forces may be complex.
+
+        Raises
+        ------
+        InputError
+            No such coordinate, or another shape.
+        """
+        if isinstance(load, Mapping):
+            parts = [np.asarray(complex(force)) * self.load(name) for name, force in load.items()]
+            total = np.sum(parts, axis=0)
+            return total if np.any(total.imag) else np.ascontiguousarray(total.real)
+        if isinstance(load, (str, tuple, list)) and all(isinstance(one, str) for one in load):
+            return direction_of("load", load, len(self.names), self._place()) @ self.shapes
+        given = np.asarray(load)
+        if given.shape != (len(self.names),) or given.dtype.kind not in "iufc":
+            raise InputError(
+                f"load = {_native.shown(load)}: must be a coordinate, a mapping of them, or "
+                f"{len(self.names)} numbers"
+            )
+        return np.asarray(given @ self.shapes)
+
+    def displacements(
+        self, state: npt.ArrayLike, coordinates: Sequence[str] | None = None
+    ) -> FloatArray:
+        """Return displacements of states of ``structure``, shape (..., n).
+
+        Parameters
+        ----------
+        state : array_like, shape (..., 2 m)
+            As `Trajectory.state`: amplitudes and their rates by turns.
+        coordinates : sequence of str, optional
+            Of which; default: all.
+        """
+        return self._moved(state, 0, coordinates)
+
+    def velocities(
+        self, state: npt.ArrayLike, coordinates: Sequence[str] | None = None
+    ) -> FloatArray:
+        """Return velocities, as `displacements` does."""
+        return self._moved(state, 1, coordinates)
+
+    def _moved(
+        self, state: npt.ArrayLike, first: int, coordinates: Sequence[str] | None
+    ) -> FloatArray:
+        given = np.asarray(state, dtype=float)
+        m = self.shapes.shape[1]
+        if given.ndim < 1 or given.shape[-1] != 2 * m:
+            raise InputError(f"state: must have {2 * m} columns, got shape {given.shape}")
+        shapes = self.shapes
+        if coordinates is not None:
+            known = self._place()
+            for name in coordinates:
+                if name not in known:
+                    raise InputError(f"coordinates: {_native.shown(name)} is no coordinate")
+            shapes = shapes[[known[name] for name in coordinates]]
+        return np.asarray(given[..., first::2] @ shapes.T)
+
+    def start(
+        self, displacements: npt.ArrayLike | None = None, velocities: npt.ArrayLike | None = None
+    ) -> FloatArray:
+        """Return the state of ``structure`` nearest to displacements and velocities, shape (2 m,).
+
+        Parameters
+        ----------
+        displacements, velocities : array_like, shape (n,), optional
+            Default 0. What no mode holds is left out.
+        """
+        state = np.zeros(2 * self.shapes.shape[1])
+        for first, (name, given) in enumerate(
+            (("displacements", displacements), ("velocities", velocities))
+        ):
+            if given is None:
+                continue
+            u = _native.real_array(name, given)
+            if u.shape != (len(self.names),):
+                raise InputError(f"{name}: must have shape ({len(self.names)},), got {u.shape}")
+            state[first::2] = u @ self._seen
+        return state
+
+
+def modal_model(structure: Structure) -> ModalModel:
+    """Make the equations of the modes; see `Structure.in_modes`."""
+    reduced = structure._reduced
+    if reduced is None:
+        raise InputError("in_modes: the structure is not reduced: structure.reduce(...).in_modes()")
+    found, model = reduced.reduction, reduced.model
+    if found.static.shape[1]:
+        raise InputError(
+            "in_modes: elements or loads act on coordinates without mass, must have mass there"
+        )
+    if model.loss:
+        raise InputError("in_modes: loss_factor has no meaning in time: take modal_damping")
+    m, shapes = found.squares.size, found.shapes
+    stiffness, damping = np.diag(found.squares), np.diag(found.rates)
+    parts = list(found.matrices)
+    if model.damping is not None:
+        damping = damping + parts.pop(0)
+    for element in structure._all_elements:
+        # Elements add their linear parts themselves.
+        e = element.direction @ shapes
+        stiffness = stiffness - element.powers.get(1, 0.0) * np.outer(e, e)
+        damping = damping - element.damping * np.outer(e, e)
+    n, places = structure.n_coordinates, {name: i for i, name in enumerate(structure.dof_names)}
+
+    def seen(on: Any) -> FloatArray:
+        return np.asarray(direction_of("on", on, n, places) @ shapes)
+
+    elements = [
+        replace(one, on={name: seen(on) for name, on in one.on.items()})
+        if isinstance(one, Coupling)
+        else replace(one, on=seen(one.on))
+        for one in structure.elements
+    ]
+    own: Layers = structure._layers  # type: ignore[attr-defined]
+    elements += [
+        Spring(on=one.direction @ shapes, stiffness=one.powers[1], kernel=one.kernel)
+        for one in own.elements
+    ]
+    layers = [
+        (0.5 * (part + part.T), kernel)
+        for part, (_, kernel) in zip(parts, model.layers, strict=True)
+    ]
+    for part, _ in layers:  # They add what they hold before they relax.
+        stiffness = stiffness - part
+    small = Structure(
+        mass=np.ones(m), stiffness=stiffness, damping=damping, elements=elements, layers=layers,
+        names=[f"q{i + 1}" for i in range(m)], units=["sqrt(kg) m"] * m,
+    )  # fmt: skip
+    small.__dict__["_all_given"] = True
+    return ModalModel(
+        small, shapes, structure.dof_names, found.largest_error, np.asarray(model.mass @ shapes)
+    )
