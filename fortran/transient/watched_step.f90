@@ -227,24 +227,23 @@ contains
     !> Where the rate at the end is taken from.
     real(wp), parameter :: short = 1.0e-3_wp
     type(surface_type) :: surface
-    real(wp) :: g(2)
+    real(wp) :: g(2), used
     integer :: i
 
     length = h
     if (.not. allocated(system%signals)) return
-    if (which > 0) then
-      if (.not. system%signals(which)%rough > 0.0_wp) return
-      if (place*h > max(closest(system, which), 64.0_wp*spacing(at%until))) length = 0.5_wp*place*h
-      return
-    end if
+    ! A part ends at the surface it passes: others may lie next to that one.
+    used = place*h
     surface%system => system
     do i = 1, size(system%signals)
-      if (.not. system%signals(i)%rough > 0.0_wp .or. at%sides(i) == slides) cycle
-      if (h <= max(closest(system, i), 64.0_wp*spacing(at%until))) cycle
+      if (.not. system%signals(i)%rough > 0.0_wp) cycle
+      if (used <= max(closest(system, i), 64.0_wp*spacing(at%until))) cycle
+      if (i == which) length = 0.5_wp*used
+      if (i == which .or. at%sides(i) == slides) cycle
       surface%which = i
-      call signal_along(surface, at%path, [1.0_wp - short, 1.0_wp], g)
+      call signal_along(surface, at%path, place*[1.0_wp - short, 1.0_wp], g)
       ! It would be passed before as long a part has gone by again.
-      if (at%sides(i)*(g(2) + (g(2) - g(1))/short) < 0.0_wp) length = 0.5_wp*h
+      if (at%sides(i)*(g(2) + (g(2) - g(1))/short) < 0.0_wp) length = 0.5_wp*used
     end do
   end subroutine look_for_rough
 

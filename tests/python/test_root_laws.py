@@ -21,21 +21,29 @@ def motion(
     drive: tuple[float, float, float],
     start: np.ndarray,
     t_end: float,
+    *others: Callable[[float, float], float],
 ) -> np.ndarray:
-    """State at ``t_end`` of x'' + c x' + x + f = F sin(w t), from contact to contact."""
+    """State at ``t_end`` of x'' + c x' + x + f = F sin(w t), from contact to contact.
+
+    ``others``: surfaces more at which runs end and begin again.
+    """
     damping, amplitude, nu = drive
 
     def rates(t: float, y: np.ndarray) -> list[float]:
         return [y[1], amplitude * np.sin(nu * t) - damping * y[1] - y[0] - force(y[0], y[1])]
 
-    def passage(_: float, y: np.ndarray) -> float:
-        return surface(y[0], y[1])
+    def ends(one: Callable[[float, float], float]) -> Callable[[float, np.ndarray], float]:
+        def passage(_: float, y: np.ndarray) -> float:
+            return one(y[0], y[1])
 
-    passage.terminal = True  # type: ignore[attr-defined]
+        passage.terminal = True  # type: ignore[attr-defined]
+        return passage
+
+    passages = [ends(one) for one in (surface, *others)]
     accuracy = {"method": "DOP853", "rtol": 3e-14, "atol": 1e-16}
     t, y = 0.0, start
     while t < t_end:
-        run = solve_ivp(rates, (t, t_end), y, events=passage, max_step=0.05, **accuracy)
+        run = solve_ivp(rates, (t, t_end), y, events=passages, max_step=0.05, **accuracy)
         t, y = run.t[-1], run.y[:, -1]
         if t < t_end:
             # Off the surface, lest its first state count as a passage.
@@ -89,6 +97,39 @@ def test_motions(power: float) -> None:
         assert run.outcome == "completed", text
         assert run.error < 1e-10, text
         assert np.allclose(run.state[-1], true, rtol=0, atol=1e-9), text
+
+
+@pytest.mark.parametrize("other", ["max(x - h, 0)", "max(h - x, 0)^2", "0.1*sign(x - h)"])
+@pytest.mark.parametrize("first", ["sign(x - g)*abs(x - g)^1.5", "max(x - g, 0)^1.3"])
+def test_another_surface_beside(first: str, other: str) -> None:
+    """A step that ends at one surface comes as near to a rough one beside it, whatever its length.
+
+    Such steps were as long as they liked: runs in steps of any length were off alike.
+    """
+    rng = np.random.default_rng(len(first) + len(other))
+    for _ in range(3):
+        k, g = rng.uniform(0.5, 2), rng.uniform(0.1, 0.4)
+        h = g + rng.choice([-1, 1]) * 10 ** rng.uniform(-4, -1.5)
+
+        def force(x: float, _: float, k: float = k, g: float = g, h: float = h) -> float:
+            rough = np.sign(x - g) * abs(x - g) ** 1.5 if "^1.5" in first else max(x - g, 0) ** 1.3
+            kink = {"m": max(x - h, 0), "0": 0.1 * np.sign(x - h)}[other[0]]
+            return float(k * rough + (max(h - x, 0) ** 2 if "^2" in other else kink))
+
+        system = vv.PolynomialSystem(
+            mass=1,
+            stiffness=1,
+            damping=0.1,
+            forces=f"k*{first} + {other}",
+            parameters={"k": k, "g": g, "h": h},
+        )
+        start = np.array([0.0, rng.uniform(0.6, 0.9)])
+        true = motion(
+            force, lambda x, v, g=g: x - g, (0.1, 0.3, 1.1), start, 4.0, lambda x, v, h=h: x - h
+        )
+        for dt in (0.5, 0.3):
+            run = vv.simulate(system, 4.0, dt=dt, initial=start, load=0.3, nu=1.1, keep="last")
+            assert np.allclose(run.state[-1], true, rtol=0, atol=2e-11), dt
 
 
 @pytest.mark.parametrize("method", ["gauss2", "gauss8", "dop8", "verner9"])

@@ -37,9 +37,8 @@ class SteadyMotion(Result):
         one whose period has not doubled.
     t, state : ndarray, shapes (n,) and (n, 2 n_dof)
         States at equal times over one period, ends of steps and between: each coordinate and its
-        velocity. ``state[0]``
-        is the one at t = 0, as `simulate` takes it for ``initial``. ``motion(t)`` gives states at
-        any other times.
+        velocity. ``state[0]`` is the one at t = 0: `simulate` with it as ``initial`` gives states
+        at any other ``times`` (without memory).
     remembered : ndarray, shape (n_hidden,)
         With memory by exponentials: the rates at t = 0 of what is remembered.
     multipliers : complex ndarray, shape (m,)
