@@ -59,7 +59,7 @@ subroutine mount_simulate(flat, n_flat, kind_x, data_x, n_x, kind_phi, data_phi,
   integer(c_int), intent(in) :: n_watch, n_sides, most
   real(c_double), intent(in) :: watched(n_watch)
   integer(c_int), intent(inout) :: sides(n_sides)
-  real(c_double), intent(out) :: found(2*n_dof + 2, most)
+  real(c_double), intent(out) :: found(3*n_dof + 4, most)
   integer(c_int), intent(out) :: n_kept, n_reached, ended, n_iterations, reason, n_found, status
   !f2py threadsafe
   class(oscillator_type), allocatable :: system

@@ -69,7 +69,7 @@ subroutine polynomial_simulate(flat, n_flat, reach, orders, series, n_rows, n_se
   integer(c_int), intent(in) :: n_watch, n_sides, most
   real(c_double), intent(in) :: watched(n_watch)
   integer(c_int), intent(inout) :: sides(n_sides)
-  real(c_double), intent(out) :: found(2*n_rows, most)
+  real(c_double), intent(out) :: found(3*n_rows + 1, most)
   integer(c_int), intent(out) :: n_reached, ended, n_found, status
   !f2py threadsafe
   type(polynomial_type) :: system

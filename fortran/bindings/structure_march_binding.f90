@@ -63,7 +63,7 @@ subroutine structure_simulate(elements, n_elements, squares, rates, n, seen, pus
   integer(c_long), intent(out) :: n_done
   real(c_double), intent(in) :: watched(n_watch)
   integer(c_int), intent(inout) :: sides(n_sides)
-  real(c_double), intent(out) :: found(2*n_shown + 2, most)
+  real(c_double), intent(out) :: found(3*n_shown + 4, most)
   integer(c_int), intent(out) :: n_kept, n_reached, ended, n_iterations, reason, n_found, status
   !f2py threadsafe
   type(polynomial_type) :: system

@@ -2,8 +2,8 @@
 ! pendulum_binding.
 
 ! Events are watched as `viscovib_watch` takes them; sides are those of `watch_type` before and
-! after; found: signal, time and state of each, a column each, n_found of them even if there is
-! less room.
+! after; found: a column each as `passage_errors` takes them, n_found of them even if there is less
+! room.
 
 !> A run from time 0 in steps h; first steps are done already; `last` is the state at
 !! t_reached, n_reached of the times lie before. method: the
@@ -35,7 +35,7 @@ subroutine pendulum_simulate(flat, method, swings, initial, h, tolerance, first,
   integer(c_int), intent(in) :: n_watch, n_sides, most
   real(c_double), intent(in) :: watched(n_watch)
   integer(c_int), intent(inout) :: sides(n_sides)
-  real(c_double), intent(out) :: found(8, most)
+  real(c_double), intent(out) :: found(13, most)
   integer(c_int), intent(out) :: n_reached, ended, n_found, status
   !f2py threadsafe
   type(pendulum_type) :: system
@@ -185,3 +185,17 @@ subroutine pendulum_plan(flat, initial, t_end, dt, tolerance, method, save_every
   end if
   call report(outcome, status)
 end subroutine pendulum_plan
+
+!> Errors of passages of a run, as `viscovib_passage_errors` has them.
+subroutine event_errors(vector, n_vector, own, n_rows, n_own, other, n_other, times, apart, n_off, &
+                        n_times, least, span, compared, errors)
+  use, intrinsic :: iso_c_binding, only: c_double, c_int
+  use viscovib_passage_errors, only: passage_errors
+  implicit none
+  integer(c_int), intent(in) :: n_vector, n_rows, n_own, n_other, n_off, n_times, compared
+  real(c_double), intent(in) :: vector(n_vector), own(n_rows, n_own), other(n_rows, n_other)
+  real(c_double), intent(in) :: times(n_times), apart(n_off, n_times), least, span(2)
+  real(c_double), intent(out) :: errors(2, n_own)
+  !f2py threadsafe
+  call passage_errors(vector, own, other, times, apart, least, span, compared /= 0, errors)
+end subroutine event_errors

@@ -73,6 +73,7 @@ module viscovib_hereditary_job
     procedure(start_interface), deferred :: start
     procedure(shake_interface), deferred :: shake
     procedure :: align
+    procedure :: renames
   end type hereditary_runs
 
   abstract interface
@@ -323,6 +324,12 @@ contains
                         reach*job%t_end, solved, reason, shortest=shortest)
     call move_alloc(own, run)
   end subroutine start_coordinates
+
+  !> Whether it is such a body.
+  logical function renames(self)
+    class(hereditary_runs), intent(in) :: self
+    renames = self%system%moving
+  end function renames
 
   !> Bodies that turn far are told by one of two vectors; others stay.
   subroutine align(self, run, like)

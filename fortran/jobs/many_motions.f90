@@ -2,7 +2,7 @@
 module viscovib_many_motions
   use viscovib_kinds, only: wp
   use viscovib_simulate, only: run_coarse, run_completed, run_diverged
-  use viscovib_transient_job, only: located
+  use viscovib_event_errors, only: located
   implicit none
   private
 

@@ -322,6 +322,10 @@ contains
       call table%note(units_of(self, subject))
       call table%hold_integers('event', watch%which(order))
       call table%hold_reals('t', watch%times(order))
+      if (allocated(trajectory%passage_errors)) then
+        call table%hold_reals('t_error', trajectory%passage_errors(1, order))
+        call table%hold_reals('state_error', trajectory%passage_errors(2, order))
+      end if
       do i = 1, size(self%wanted)
         name = trim(subject%coordinates(self%wanted(i)))
         row = trajectory%row_of(self%wanted(i))

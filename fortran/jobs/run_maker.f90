@@ -46,6 +46,7 @@ module viscovib_run_maker
     procedure(make_interface), deferred :: make
     procedure :: make_shaken
     procedure :: align
+    procedure :: renames
   end type run_maker
 
   abstract interface
@@ -77,6 +78,12 @@ contains
     call set_ok(status)
     if (same_type_as(self, self) .and. size(job%initial) > n/thinning*sign) return
   end subroutine make_shaken
+
+  !> Whether states may be told by other numbers, as of bodies that turn far.
+  logical function renames(self)
+    class(run_maker), intent(in) :: self
+    renames = .false. .and. same_type_as(self, self)
+  end function renames
 
   !> Tell states of a run by numbers that can be compared to those of another.
   subroutine align(self, run, like)

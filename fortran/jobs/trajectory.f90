@@ -53,6 +53,8 @@ module viscovib_trajectory
     real(wp), allocatable :: looks(:, :)
     !> Events that were found, if any were looked for; states are of the coordinates kept.
     type(watch_type), allocatable :: watch
+    !> Estimated errors of their times and states, shape (2, n); not allocated: not estimated.
+    real(wp), allocatable :: passage_errors(:, :)
   contains
     procedure :: spread_out
     procedure :: row_of

@@ -4,21 +4,20 @@ module viscovib_transient_job
   use viscovib_constants, only: pi
   use viscovib_driven_runs, only: driven_runs
   use viscovib_driven_system, only: driven_system_type
+  use viscovib_event_errors, only: differences_of, differences_type, tell_error
   use viscovib_kinds, only: i8, wp
   use viscovib_limits, only: min_time_tolerance
   use viscovib_run_maker, only: run_maker, transient_job
   use viscovib_simulate, only: run_completed, run_names, run_stopped
   use viscovib_status, only: fail, set_ok, show, status_input_error, status_type
   use viscovib_trajectory, only: change_of, compare, grown_of, hopeless, off_of, risen, &
-    rounding_of, trajectory_type
+    trajectory_type
   implicit none
   private
 
   public :: driven_runs, transient_job, trajectory_type, run_maker
   public :: run_transient, make_runs, first_steps, hopeless
 
-  !> Relative error of the time of a stop inside a step.
-  real(wp), parameter, public :: located = 1.0e-12_wp
   !> Halvings of the step at most.
   integer, parameter :: max_halvings = 12
   !> Steps before a stop that two runs must differ by: a first step with memory ends as the
@@ -46,12 +45,14 @@ module viscovib_transient_job
   !! exact, before they are given up.
   integer, parameter :: states_at_stop = 100, halvings_at_stop = 6
 
-  !> What roundings become along a motion, of each row of states (not allocated: not looked at), and
-  !! the first run that is near enough to tell, in steps shorter by the factor.
+  !> What roundings become along a motion, of each row of states (not allocated: not looked at), as
+  !! far as two runs or that tell, and the first run that is near enough to tell, in steps shorter by
+  !! the factor.
   type :: growth_type
     type(trajectory_type) :: run
     integer :: factor = 0
     real(wp), allocatable :: grown(:)
+    real(wp) :: told = 0.0_wp
   end type growth_type
 
 contains
@@ -100,6 +101,7 @@ contains
     real(wp) :: n, change, changes(max_halvings)
     real(wp), allocatable :: lost(:)
     type(growth_type) :: growth
+    type(differences_type) :: differences
     integer :: i, factor, n_changes
     logical :: met
 
@@ -138,13 +140,9 @@ contains
         cycle
       end if
       if (met) then
+        differences = differences_of(coarse, trajectory, growth%told, .not. maker%renames())
         call fill_in(maker, job, int(n, i8), factor, trajectory, change)
-        ! Nothing but rest has no error at all.
-        trajectory%error = max(change, rounding_of(trajectory))
-        if (trajectory%outcome /= run_completed) then
-          ! Where it stops is found by the same small steps every time.
-          trajectory%error = max(trajectory%error, located*max(1.0_wp, trajectory%t_reached))
-        end if
+        call tell_error(trajectory, coarse, change, differences, job%watched)
         return
       end if
       coarse = trajectory
@@ -239,6 +237,7 @@ contains
     real(wp) :: allowed(size(fine%states, 1)), grown(size(fine%states, 1)), rise
     integer :: sign
     call set_ok(status)
+    growth%told = 0.0_wp
     if (growth%factor == 0 .and. (met .or. change <= near*maxval(abs(fine%states)))) then
       growth%run = coarse
       growth%factor = factor/2
@@ -247,6 +246,7 @@ contains
     if (.not. allocated(growth%grown)) then
       rise = risen(coarse, fine)
       if (rise < huge(1.0_wp)) then
+        growth%told = rise
         change = max(change, rise)
         return
       end if
@@ -260,7 +260,8 @@ contains
         if (all(grown <= few_roundings*maxval(abs(growth%run%states)))) exit
       end do
     end if
-    change = max(change, maxval(growth%grown))
+    growth%told = maxval(growth%grown)
+    change = max(change, growth%told)
     allowed = job%allowed_at_stop(fine)
     if (fine%outcome == run_completed) allowed = job%allowed(fine%states)
     if (all(growth%grown <= allowed)) return

@@ -48,6 +48,7 @@ module viscovib_all_passages
     real(wp), allocatable, private :: series(:, :), third(:), noise(:)
   contains
     procedure :: find
+    procedure :: change_at
     procedure, private :: prepare
     procedure, private :: take_path
     procedure, private :: bounds
@@ -215,6 +216,66 @@ contains
     end if
   end function told_by
 
+  !> How a signal changes at a passage of the step that was searched last: its rate, and the size of
+  !! the rate of that, by time.
+  !!
+  !! At a jump the bend is -1, and the rate tells how far the passage moves where all that the
+  !! signal reads is other: by as much, divided by the rate, at most.
+  subroutine change_at(self, law, path, x, rate, bend)
+    class(passage_search), intent(in) :: self
+    type(law_program), intent(in) :: law
+    type(step_path), intent(in) :: path
+    real(wp), intent(in) :: x
+    real(wp), intent(out) :: rate, bend
+    !> How far a jump may lie from the place found, and rates are compared, as parts of the step.
+    real(wp), parameter :: there = 1.0e-9_wp, beside = 1.0e-6_wp
+    !> By how much what is read is other, relative to its rounding.
+    real(wp), parameter :: other = 2.0_wp**20
+    type(range_type) :: here, one, two
+    real(wp) :: low, high, wide, reach
+
+    associate (m => size(self%noise), from => max(x - there, 0.0_wp), to => min(x + there, 1.0_wp))
+      here = self%bounds(law, from, to)
+      low = max(x - beside, 0.0_wp)
+      high = min(x + beside, 1.0_wp)
+      one = self%bounds(law, low, low)
+      two = self%bounds(law, high, high)
+      rate = 0.0_wp
+      bend = 0.0_wp
+      if (here%outside == inside .and. .not. here%jumps) then
+        here = self%bounds(law, x, x)
+        rate = sum(here%rate)/path%h
+        bend = abs(sum(two%rate) - sum(one%rate))/((high - low)*path%h**2)
+        if (abs(rate) > 0.0_wp .or. bend > 0.0_wp) return
+      end if
+      bend = -1.0_wp
+      wide = other*maxval(self%noise(:m - 1))
+      reach = there
+      do while (reach < 1.0_wp)
+        low = max(x - reach, 0.0_wp)
+        high = min(x + reach, 1.0_wp)
+        one = self%bounds(law, low, low, wide)
+        two = self%bounds(law, high, high, wide)
+        if (is_sure(one) .and. is_sure(two)) then
+          rate = wide/(reach*path%h)
+          exit
+        end if
+        reach = 2.0_wp*reach
+      end do
+    end associate
+
+  contains
+
+    !> Whether a range tells the sign, or that there is no value.
+    pure logical function is_sure(range)
+      type(range_type), intent(in) :: range
+      is_sure = range%outside == nowhere
+      if (range%outside == inside) is_sure = range%value(1) > range%noise &
+                                             .or. range%value(2) < -range%noise
+    end function is_sure
+
+  end subroutine change_at
+
   !> Remember a passage.
   subroutine note(self, place, to)
     class(passage_search), intent(inout) :: self
@@ -315,10 +376,12 @@ contains
   end function arguments_at
 
   !> The range of a function in a part of the step, and of its rate.
-  type(range_type) function bounds(self, law, from, to) result(range)
+  type(range_type) function bounds(self, law, from, to, wide) result(range)
     class(passage_search), intent(in) :: self
     type(law_program), intent(in) :: law
     real(wp), intent(in) :: from, to
+    !> By how much all that is read, but for the time, may be other.
+    real(wp), intent(in), optional :: wide
     type(range_type) :: arguments(size(self%series, 2))
     real(wp) :: t(size(self%series, 1), 0:2), p(0:2), middle(1, size(arguments)), g(1)
     real(wp) :: half, low, high, rest
@@ -343,8 +406,12 @@ contains
       arguments(k)%value = [low - rest*half/6.0_wp, high + rest*half/6.0_wp]
       arguments(k)%rate = p(1) + (abs(p(2))*half + 0.5_wp*rest)*[-1.0_wp, 1.0_wp]
       arguments(k)%noise = self%noise(k)
+      if (present(wide) .and. k < size(arguments)) then
+        arguments(k)%value = arguments(k)%value + [-wide, wide]
+      end if
     end do
     call bounds_of(law, arguments, range)
+    if (present(wide)) return
     if (range%outside /= inside .or. range%jumps) return
     if (range%value(1)*range%value(2) > 0.0_wp) return
     ! From the middle it goes no further than its rate allows.

@@ -66,7 +66,7 @@ contains
         place = begin + width*found(i)%place
         call settle(run, base, watch, path, found(i), from, now, begin, width, place, u, v)
         t_reached = from + place*(now - from)
-        call watch%keep(found(i)%which, t_reached, u, v)
+        call watch%keep(found(i), t_reached, u, v, rate_beside(place))
         if (.not. watch%terminal(found(i)%which)) cycle
         outcome = run_event
         return
@@ -77,6 +77,17 @@ contains
     end do
 
   contains
+
+    !> Accelerations at a place where velocities are v, by those beside it.
+    function rate_beside(place) result(a)
+      real(wp), intent(in) :: place
+      real(wp), dimension(run%n_observed()) :: a, other, speed
+      real(wp) :: beside
+      beside = place - closely*width
+      if (beside < 0.0_wp) beside = place + closely*width
+      call body_at(run, base, from, now, beside, other, speed)
+      a = (v - speed)/((place - beside)*(now - from))
+    end function rate_beside
 
     !> The motion of the present part.
     subroutine sample()

@@ -65,7 +65,8 @@ contains
     last = 0
     do i = 1, n_turns
       x = low + (high - low)*(ends(1)/(ends(1) - ends(2)))
-      if (modulo(i, 3) == 0) x = 0.5_wp*(low + high)
+      ! Where the signal is 0 at an end but for rounding, secants stay there.
+      if (modulo(i, 3) == 0 .or. x <= low .or. x >= high) x = 0.5_wp*(low + high)
       if (high - low <= 2.0_wp*epsilon(1.0_wp)*high .or. x <= low .or. x >= high) exit
       g = value(x)
       if (g(1) < 0.0_wp) then

@@ -64,7 +64,7 @@ contains
     until = path%start + path%h
     do i = 1, size(found)
       call path%at([found(i)%place], t, q, v)
-      call self%watch%keep(found(i)%which, t(1), q(1, :), v(1, :))
+      call self%watch%keep(found(i), t(1), q(1, :), v(1, :), path%acceleration_at(found(i)%place))
       self%ended = self%watch%terminal(found(i)%which)
       if (.not. self%ended) cycle
       self%t = t(1)

@@ -16,6 +16,7 @@ module viscovib_step_path
     real(wp), allocatable, private :: factors(:)
   contains
     procedure :: at
+    procedure :: acceleration_at
   end type step_path
 
 contains
@@ -42,5 +43,18 @@ contains
       v(i, :) = matmul(basis, self%v)
     end do
   end subroutine at
+
+  !> Accelerations at a place, by how velocities change beside it.
+  function acceleration_at(self, x) result(a)
+    class(step_path), intent(in) :: self
+    real(wp), intent(in) :: x
+    real(wp) :: a(size(self%v, 2))
+    real(wp), parameter :: beside = 1.0e-4_wp
+    real(wp) :: places(2)
+    places = min(max([x - beside, x + beside], 0.0_wp), 1.0_wp)
+    a = matmul(lagrange(self%points, self%factors, places(2)) &
+               - lagrange(self%points, self%factors, places(1)), self%v) &
+        /((places(2) - places(1))*self%h)
+  end function acceleration_at
 
 end module viscovib_step_path

@@ -16,11 +16,15 @@ module viscovib_watch
   !> The least that a signal's largest value is once it had one, be it 0.
   real(wp), parameter :: valued = 2.0_wp**(-1000)
 
-  !> One passage: of which signal, its sign before, and the place in the step.
+  !> One passage: of which signal, its sign before, the place in the step, and how the signal
+  !! changes there, as `passage_search` has it.
   type :: passage_type
     integer :: which = 0, side = 1
-    real(wp) :: place = 0.0_wp
+    real(wp) :: place = 0.0_wp, rate = 0.0_wp, bend = 0.0_wp
   end type passage_type
+
+  !> Rows of a passage that is handed over besides the state: signal, time, and those two.
+  integer, parameter, public :: n_told = 4
 
   type :: watch_type
     type(signal_type), allocatable :: signals(:)
@@ -45,11 +49,11 @@ module viscovib_watch
     type(passage_search) :: search
     !> Peaks and means along the motion, if they are asked for.
     type(extremes_type) :: extremes
-    !> What was found: signal and time, and states, shapes (n) and (2 n_dof, n), with those of
-    !! coordinates that are hidden.
+    !> What was found: signal and time; states, with those of coordinates that are hidden, and
+    !! accelerations; rate and bend of the signal. Shapes (n), (2 n_dof, n), (n_dof, n), (2, n).
     integer :: n_found = 0
     integer, allocatable :: which(:)
-    real(wp), allocatable :: times(:), states(:, :)
+    real(wp), allocatable :: times(:), states(:, :), accelerations(:, :), changes(:, :)
   contains
     procedure :: is_idle
     procedure :: look
@@ -57,6 +61,7 @@ module viscovib_watch
     procedure :: last_state
     procedure :: keep
     procedure :: drop_after
+    procedure :: rows
     procedure :: hand_over
   end type watch_type
 
@@ -113,7 +118,8 @@ contains
       call watch%signals(i)%program%measure()
       k = k + 3 + 2*m
     end do
-    allocate (watch%which(0), watch%times(0), watch%states(0, 0))
+    allocate (watch%which(0), watch%times(0), watch%states(0, 0), watch%accelerations(0, 0))
+    allocate (watch%changes(2, 0))
   end subroutine new_watch
 
   !> Whether nothing is asked for.
@@ -214,6 +220,7 @@ contains
         next%which = i
         next%side = -self%search%to(k)
         next%place = self%search%places(k)
+        call self%search%change_at(self%signals(i)%program, path, next%place, next%rate, next%bend)
         call insert(found, next)
       end do
     end do
@@ -233,29 +240,37 @@ contains
   end subroutine insert
 
   !> Remember a passage.
-  subroutine keep(self, which, t, q, v)
+  subroutine keep(self, passage, t, q, v, a)
     class(watch_type), intent(inout) :: self
-    integer, intent(in) :: which
-    real(wp), intent(in) :: t, q(:), v(:)
+    type(passage_type), intent(in) :: passage
+    !> Time; coordinates, velocities and accelerations.
+    real(wp), intent(in) :: t, q(:), v(:), a(:)
     integer, allocatable :: more_which(:)
-    real(wp), allocatable :: more_times(:), more_states(:, :)
+    real(wp), allocatable :: more_times(:), more_states(:, :), more(:, :), more_changes(:, :)
     integer :: n
 
     n = self%n_found
     if (n == size(self%which)) then
       allocate (more_which(2*n + 8), more_times(2*n + 8), more_states(2*size(q), 2*n + 8))
+      allocate (more(size(q), 2*n + 8), more_changes(2, 2*n + 8))
       if (n > 0) then
         more_which(:n) = self%which
         more_times(:n) = self%times
         more_states(:, :n) = self%states
+        more(:, :n) = self%accelerations
+        more_changes(:, :n) = self%changes
       end if
       call move_alloc(more_which, self%which)
       call move_alloc(more_times, self%times)
       call move_alloc(more_states, self%states)
+      call move_alloc(more, self%accelerations)
+      call move_alloc(more_changes, self%changes)
     end if
     n = n + 1
     self%n_found = n
-    self%which(n) = which
+    self%which(n) = passage%which
+    self%changes(:, n) = [passage%rate, passage%bend]
+    self%accelerations(:, n) = a
     self%times(n) = t
     self%states(1::2, n) = q
     self%states(2::2, n) = v
@@ -271,8 +286,21 @@ contains
     end do
   end subroutine drop_after
 
+  !> What was found, as `passage_errors` takes it: a column each, of the first n coordinates.
+  pure function rows(self, n, n_found)
+    class(watch_type), intent(in) :: self
+    integer, intent(in) :: n, n_found
+    real(wp) :: rows(n_told + 3*n, n_found)
+    if (n_found == 0) return
+    rows(1, :) = self%which(:n_found)
+    rows(2, :) = self%times(:n_found)
+    rows(3:2*n + 2, :) = self%states(:2*n, :n_found)
+    rows(2*n + 3:3*n + 2, :) = self%accelerations(:n, :n_found)
+    rows(3*n + 3:, :) = self%changes(:, :n_found)
+  end function rows
+
   !> What was found, as far as there is room; each column the signal, the time and the state of the
-  !! first coordinates.
+  !! first coordinates, their accelerations, and the rate and bend of the signal.
   !! Behind them, in three columns, peaks, integrals and those of squares, if they are asked for.
   subroutine hand_over(self, sides, found, n_found)
     class(watch_type), intent(in) :: self
@@ -281,7 +309,7 @@ contains
     !> How many there are, even if there is less room.
     integer, intent(out) :: n_found
     integer :: n, told
-    told = size(found, 1) - 2
+    told = 2*((size(found, 1) - n_told)/3)
     n = size(self%sides)
     sides(:n) = self%sides
     sides(n + 1:2*n) = exponent(max(self%largest, tiny(1.0_wp))) - 1
@@ -289,14 +317,11 @@ contains
     n_found = self%n_found
     n = min(n_found, size(found, 2))
     if (allocated(self%extremes%peak) .and. n + 3 <= size(found, 2)) then
-      found(3:, n + 1) = self%extremes%peak(:told)
-      found(3:, n + 2) = self%extremes%total(:told)
-      found(3:, n + 3) = self%extremes%squares(:told)
+      found(3:told + 2, n + 1) = self%extremes%peak(:told)
+      found(3:told + 2, n + 2) = self%extremes%total(:told)
+      found(3:told + 2, n + 3) = self%extremes%squares(:told)
     end if
-    if (n == 0) return
-    found(1, :n) = self%which(:n)
-    found(2, :n) = self%times(:n)
-    found(3:, :n) = self%states(:told, :n)
+    found(:, :n) = self%rows(told/2, n)
   end subroutine hand_over
 
 end module viscovib_watch

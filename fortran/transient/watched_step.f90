@@ -472,23 +472,22 @@ contains
     allocate (start, source=method)
     call start%load_memory(at%memory)
     do i = 1, size(found)
-      associate (which => found(i)%which)
+      place = found(i)%place
+      signal%signal => watch%signals(found(i)%which)
+      call settle_thin(start, system, signal, found(i)%side, at%path, place, q, v)
+      if (abs(place - found(i)%place) > furthest) then
+        ! That is another passage, or none that steps tell: they are too large for so many.
         place = found(i)%place
-        signal%signal => watch%signals(which)
-        call settle_thin(start, system, signal, found(i)%side, at%path, place, q, v)
-        if (abs(place - found(i)%place) > furthest) then
-          ! That is another passage, or none that steps tell: they are too large for so many.
-          place = found(i)%place
-          call at%path%at([place], t, here, rate)
-          q = here(1, :)
-          v = rate(1, :)
-        end if
-        here(1, :) = q
-        rate(1, :) = v
-        call put_on_base(system, [at%from + place*start%h], here, rate)
-        call watch%keep(which, at%from + place*start%h, here(1, :), rate(1, :))
-        at%ended = watch%terminal(which)
-      end associate
+        call at%path%at([place], t, here, rate)
+        q = here(1, :)
+        v = rate(1, :)
+      end if
+      here(1, :) = q
+      rate(1, :) = v
+      call put_on_base(system, [at%from + place*start%h], here, rate)
+      call watch%keep(found(i), at%from + place*start%h, here(1, :), rate(1, :), &
+                      body%acceleration_at(place))
+      at%ended = watch%terminal(found(i)%which)
     end do
     if (.not. at%ended) return
     at%from = at%from + place*start%h

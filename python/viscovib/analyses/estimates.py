@@ -12,6 +12,7 @@ import numpy as np
 
 from viscovib._native import FloatArray
 from viscovib.analyses.accuracy import rounding_of
+from viscovib.analyses.event_errors import with_event_errors
 from viscovib.analyses.runs import SHAKEN, difference, least_error, told_in_one_way
 from viscovib.common.plan import Plan
 from viscovib.results.trajectory import Trajectory
@@ -148,14 +149,19 @@ def with_estimate(
             change += difference(one, other)
     how = "by a run in half steps" if len(factors) == 1 else "by runs in half steps and thirds"
     how += begin
+    grown_to = 0.0
     if shaken is not None:
         rise = math.inf if finer[0] is None else risen(run, finer[0])
         if rise == math.inf:
             rise = float(grown(run, shaken).max())
             how += ", and of numbers that are other by 1e-12"
-        change = max(change, rise)
+        change, grown_to = max(change, rise), rise
     error = max(change, least_error(run))
-    return replace(run, error=error, _planned=partial(_plan_with_estimate, run, how))
+    told = replace(run, error=error, _planned=partial(_plan_with_estimate, run, how))
+    if finer[0] is None:
+        return told
+    looks = looks_of(run, finer[0])
+    return with_event_errors(told, finer[0], (finer[0], run), looks, grown_to)
 
 
 def _plan_with_estimate(run: Trajectory, how: str) -> Plan:

@@ -61,6 +61,11 @@ class Event:
         _native.flag("terminal", self.terminal)
 
 
+def n_states(rows: int) -> int:
+    """How many rows of a passage are its state; others tell which and when, and what changes."""
+    return 2 * ((rows - 4) // 3)
+
+
 class Watch:
     """Events as the core takes them, and what was found of them so far."""
 
@@ -167,7 +172,8 @@ class Watch:
             raise InputError(
                 f"sections: more than {ROOM - _GATHERED} in a piece of the run: take a shorter run"
             )
-        peak, *integrals = found[2:, count : count + _GATHERED].T
+        states = found[2 : 2 + n_states(found.shape[0])]
+        peak, *integrals = states[:, count : count + _GATHERED].T
         if self.gathered is None:
             self.gathered = np.zeros((_GATHERED, peak.size))
         self.gathered[0] = np.maximum(self.gathered[0], peak)
@@ -175,12 +181,28 @@ class Watch:
 
     def passages(self, columns: slice) -> tuple[Passages, ...]:
         """What was found of each event."""
-        whole = np.concatenate([np.empty((0, 2 + columns.stop)), *self.found])
-        places = whole[:, 0].astype(int)
+        if not self.found:
+            none = np.empty((0, columns.stop))
+            return tuple(Passages(np.empty(0), none) for _ in self.events)
+        whole = self.rows
+        states = whole[2:][columns]
         return tuple(
-            Passages(whole[places == i + 1, 1], whole[places == i + 1, 2:][:, columns])
-            for i in range(len(self.events))
+            Passages(whole[1, at], states[:, at].T.copy())
+            for at in (whole[0] == i + 1 for i in range(len(self.events)))
         )
+
+    @property
+    def rows(self) -> FloatArray:
+        """What was found as `passage_errors` of the core takes it, a column each."""
+        if not self.found:
+            return np.empty((4, 0), order="F")
+        return np.asfortranarray(np.concatenate(self.found).T)
+
+    @property
+    def last_state(self) -> FloatArray:
+        """The state at the last passage."""
+        last = self.found[-1][-1]
+        return np.asarray(last[2 : 2 + n_states(last.size)])
 
 
 #: What native calls take where nothing is watched.

@@ -272,8 +272,9 @@ class Run(ABC):
         #: how many steps were done at the end of each.
         self.anew = False
         self.parts: tuple[tuple[Callable[[float], Run], int], ...] = ()
-        #: Events to look for.
+        #: Events to look for, and when the steps made last began.
         self.watch: Watch | None = None
+        self.began = 0.0
         #: States kept of a step by its polynomial, if more than that at its end are.
         self.kept_of_step = 1
         #: Steps between looks at what is not kept, 0: none; states there.
@@ -310,6 +311,10 @@ class Run(ABC):
     def prepare(self, like: Run, factor: int) -> None:
         """Remember as much as another run will need, in steps shorter by the factor."""
         self.piece = like.piece
+
+    def event_columns(self) -> npt.NDArray[np.int64] | None:
+        """Which columns of states of events are kept of others; None: the first."""
+        return None
 
     def serves(self) -> bool:
         """Whether what is remembered serves the steps to come."""
@@ -395,6 +400,7 @@ class Run(ABC):
         if want.times is not None:
             self._check_times(want.times, n)
         start, first = self.done, self.state
+        self.began = self.time
         # What is not kept is passed over in larger pieces.
         skipped = 0
         if want.keep == "tail":
@@ -472,7 +478,7 @@ class Run(ABC):
                 if self.watch.gathers:
                     self.watch.take_gathered(part.found, part.n_found)
                 if OUTCOMES[part.ended] == "event":
-                    part = part._replace(last=self.watch.found[-1][-1, 2:])
+                    part = part._replace(last=self.watch.last_state)
             self.memory, self.state, ended = part.memory, part.last, part.ended
             self.anew = False
             self.done += part.made

@@ -15,8 +15,8 @@ import numpy as np
 from viscovib._native import FloatArray
 from viscovib.analyses.accuracy import Accuracy, most_states, parts_for_peaks, reason
 from viscovib.analyses.estimates import Growth, looks_of
+from viscovib.analyses.event_errors import with_event_errors
 from viscovib.analyses.runs import (
-    LOCATED,
     NotMetError,
     difference,
     has_outrun,
@@ -124,19 +124,20 @@ def by_tolerance(
             change = max(change, float(rounding.max()))
             if (rounding > most).any():
                 raise NotMetError(_told_grown(want, ends, float(rounding.max())))
+            risen = max(risen, float(rounding.max()))
+        told = partial(_found, coarse, (ends_before, ends), risen, partial(_plan_of, first, want))
         if completed:
             if agreed:
                 if _too_long(fine):
                     factor = _seeing(fine, factor, n, want)
                     before, coarse, held = ends_before, make(factor, parts), parts
                     continue
-                told = partial(_plan_of, first, want)
                 needed = parts_for_peaks(ends) if dense and not _keeps_all(fine) else 1
                 if needed > parts:
-                    return _found(make(max(factor, needed), needed), change, told)
+                    return told(make(max(factor, needed), needed), change)
                 kept = _every(fine, parts // needed)
                 if needed <= factor:
-                    return _found(kept, change, told)
+                    return told(kept, change)
                 # At all that both keep: places further apart may be ends of steps alone.
                 both = min(held, parts)
                 two = _every(coarse, held // both), _every(fine, parts // both)
@@ -147,10 +148,10 @@ def by_tolerance(
                 beyond = error.max(axis=0) / allowed
                 if (beyond <= 1).all():
                     kept._resume.kept_of_step = needed // factor
-                    return _found(kept, max(change, float(error.max())), told)
+                    return told(kept, max(change, float(error.max())))
                 halvings = math.log2(needed / 4 / factor)
                 if halvings < 1 or beyond.max() > _GAIN**halvings:
-                    return _found(make(needed, needed), change, told)
+                    return told(make(needed, needed), change)
                 before, coarse, held = ends_before, fine, parts
                 continue
         elif agreed:
@@ -160,9 +161,7 @@ def by_tolerance(
                 continue
             if dense:
                 ends, change = _with_more_states(make, ends, factor, change, want)
-            # Where it stops is found by the same small steps every time.
-            change = max(change, LOCATED * max(1.0, ends.t_reached))
-            return _found(ends, change, partial(_plan_of, first, want))
+            return told(ends, change)
         changes.append(change)
         outrun = _outrun(coarse, fine)
         before, coarse, held = ends_before, fine, parts
@@ -282,8 +281,17 @@ def _with_more_states(
     return run, change
 
 
-def _found(run: Trajectory, change: float, told: Callable[[], Plan]) -> Trajectory:
-    return replace(run, error=max(change, least_error(run)), _planned=told)
+def _found(
+    coarse: Trajectory,
+    pair: tuple[Trajectory, Trajectory],
+    grown: float,
+    plan: Callable[[], Plan],
+    run: Trajectory,
+    change: float,
+) -> Trajectory:
+    """The run with its error and those of its events, as of `with_event_errors`."""
+    found = replace(run, error=max(change, least_error(run)), _planned=plan)
+    return with_event_errors(found, coarse, pair, looks_of(*pair), grown)
 
 
 def _gain(coarse: Trajectory, per_coarse: int, fine: Trajectory, per_fine: int) -> FloatArray:

@@ -7,6 +7,7 @@ others are taken as such sums, fitted for the steps of a run.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from functools import partial
 from typing import Any, ClassVar, TypeGuard
 
@@ -231,6 +232,12 @@ class WholeRun(PolynomialRun):
         belongs[begin : begin + 2 * self._n_stops] = False
         return belongs
 
+    def event_columns(self) -> npt.NDArray[np.int64]:
+        """Which columns of states of events are kept of others."""
+        structure: Any = self.system
+        places = np.arange(len(structure.dof_names)) if self.places is None else self.places
+        return np.asarray((2 * places[:, np.newaxis] + [0, 1]).ravel())
+
     @property
     def _n_stops(self) -> int:
         """Stops that are rigid."""
@@ -245,9 +252,9 @@ class WholeRun(PolynomialRun):
         directions = structure._element_directions
         given = {name: getattr(run, name) for name in Trajectory.__dataclass_fields__}
         places = np.arange(len(structure.dof_names)) if self.places is None else self.places
-        columns = (2 * places[:, np.newaxis] + [0, 1]).ravel()
+        columns = self.event_columns()
         given["state"] = run.state[:, columns]
-        given["events"] = tuple(one._replace(state=one.state[:, columns]) for one in run.events)
+        given["events"] = tuple(replace(one, state=one.state[:, columns]) for one in run.events)
         relative = run.state
         if self.motion is not None:
             relative = run.state.copy()

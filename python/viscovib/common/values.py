@@ -80,6 +80,6 @@ def _short(value: Any) -> str:
     if value.size <= _FEW:
         return np.array2string(value, precision=6, separator=", ").replace("\n", "")
     ends = ""
-    if value.dtype.kind in "fiu":
+    if value.dtype.kind in "fiu" and not np.isnan(value).all():
         ends = f", {np.nanmin(value):.6g} to {np.nanmax(value):.6g}"
     return f"<{' x '.join(map(str, value.shape))} numbers{ends}>"

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
@@ -18,6 +18,7 @@ from viscovib.common.parameters import Flag
 from viscovib.common.plan import Plan, wanted_places
 from viscovib.common.results import Number, Panel, Result, named, span
 from viscovib.common.tables import Table, listed_units
+from viscovib.common.values import Value
 from viscovib.errors import InputError
 from viscovib.systems.law_ends import law_end as end_of_law, told_edges
 from viscovib.systems.law_poles import (
@@ -39,6 +40,8 @@ OUTCOMES = ("completed", "diverged", "unphysical", "stopped", "step too large", 
 
 #: Steps between the states of a trajectory may differ by this part, which is rounding of times.
 _UNEVEN = 1e-9
+#: Events that a summary tells of.
+_LISTED = 6
 #: Part of the end of a run by which times may lie behind it.
 _ROUNDING = 1e-14
 
@@ -52,11 +55,56 @@ def spacing(t: FloatArray) -> float:
     return math.nan if off > _UNEVEN * max(step, abs(float(t[-1])) * 1e-6) else step
 
 
-class Passages(NamedTuple):
-    """Where an event happened: times, shape (n,), and states, shape (n, 2 n_dof)."""
+@dataclass(frozen=True, eq=False, repr=False)
+class Passages(Value):
+    """Where an event happened.
+
+    Attributes
+    ----------
+    t : ndarray, shape (n,)
+        Times.
+    state : ndarray, shape (n, 2 n_dof)
+        States.
+    error : ndarray, shape (n,), or None
+        Estimated errors of the times; None: not estimated, as `Trajectory.error` is not. NaN where
+        a run in other steps has no such passage, though errors of states do not tell that it may
+        be missing. Beside grazing, where it may be, errors go like a root of those of states.
+    state_error : ndarray, shape (n,), or None
+        The same of the states: of each the largest error of a coordinate or velocity.
+
+    Examples
+    --------
+    >>> import viscovib as vv
+    >>> swing = vv.PolynomialSystem(mass=1, stiffness=1)
+    >>> run = vv.simulate(swing, 20, initial=[0, 1], events=["x - 0.5"])
+    >>> found = run.events[0]
+    >>> bool(found.error.max() < 1e-11)
+    True
+    >>> times, states = found
+    """
 
     t: FloatArray
     state: FloatArray
+    error: FloatArray | None = None
+    state_error: FloatArray | None = None
+
+    def __iter__(self) -> Iterator[FloatArray]:
+        """Give times and states."""
+        return iter((self.t, self.state))
+
+    def told(self) -> str:
+        """How many there are, and how sure they are, in a line."""
+        text = things(self.t.size, "passage")
+        if self.error is None or self.state_error is None:
+            return f"{text}, errors not estimated" if self.t.size else text
+        known = ~np.isnan(self.error)
+        if known.any():
+            late, off = self.error[known].max(), self.state_error[known].max()
+            text = f"{text}, estimated errors up to {late:.1e} of times and {off:.1e} of states"
+        if not known.all():
+            lost = things(int((~known).sum()), "passage")
+            text = f"{text}; the error of {lost} is not known: other steps have none there"
+        return text
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -95,8 +143,10 @@ class Trajectory(Result):
         "steps"; of a pendulum "evaluations" (of all lanes at once), of systems with memory
         "iterations".
     system : Pendulum, Mount or PolynomialSystem
-    events : tuple of (t, state)
-        Of each event asked for, the times, shape (m,), and states, shape (m, 2 n_dof).
+    events : tuple of Passages
+        Of each event asked for, times ``t``, shape (m,), and states ``state``, shape (m, 2 n_dof),
+        with their estimated errors ``error`` and ``state_error``, shape (m,), if there is one of
+        the run.
 
     Examples
     --------
@@ -280,7 +330,19 @@ class Trajectory(Result):
     def _details(self) -> list[str]:
         told = [] if self.reason is None else [self.reason]
         sure = "error not estimated" if self.error is None else f"estimated error {self.error:.1e}"
-        return [*told, f"step {self.step:.6g}, {sure}"]
+        return [*told, f"step {self.step:.6g}, {sure}", *self._told_events()]
+
+    def _told_events(self) -> list[str]:
+        """A line for each event that was looked for."""
+        watch = None if self._resume is None else self._resume.watch
+        texts = [] if watch is None else [event.function for event in watch.events]
+        if len(texts) != len(self.events):
+            texts = [""] * len(self.events)
+        shown = self.events[:_LISTED]
+        return [
+            f"events[{i}] {text}: {one.told()}".replace(" :", ":")
+            for i, (text, one) in enumerate(zip(texts, shown, strict=False))
+        ]
 
     def numbers(self) -> dict[str, Number]:
         """Return ``max_x`` and ``rms_x``, ... over the second half, and ``outcome``."""

@@ -225,6 +225,10 @@ def _events(scene: Scene, run: Trajectory) -> TableResult | None:
         "event": np.concatenate(which),
         "t": np.concatenate([found.t for found in run.events]),
     }
+    late = [found.error for found in run.events if found.error is not None]
+    off = [found.state_error for found in run.events if found.state_error is not None]
+    if late:
+        columns |= {"t_error": np.concatenate(late), "state_error": np.concatenate(off)}
     table = run._table(texts(scene.groups["transient"]["coordinates"]))
     for name in list(table.columns)[1:]:
         place = 2 * run.dof_names.index(name.removesuffix("_dot")) + name.endswith("_dot")
