@@ -8,7 +8,7 @@ module viscovib_transient_job
   use viscovib_kinds, only: i8, wp
   use viscovib_limits, only: min_time_tolerance
   use viscovib_run_maker, only: run_maker, transient_job
-  use viscovib_simulate, only: run_completed, run_names, run_stopped
+  use viscovib_simulate, only: run_completed, run_event, run_names, run_stopped
   use viscovib_status, only: fail, set_ok, show, status_input_error, status_type
   use viscovib_trajectory, only: change_of, compare, grown_of, hopeless, off_of, risen, &
     trajectory_type
@@ -265,6 +265,13 @@ contains
     allowed = job%allowed_at_stop(fine)
     if (fine%outcome == run_completed) allowed = job%allowed(fine%states)
     if (all(growth%grown <= allowed)) return
+    if (fine%outcome == run_event) then
+      call fail(status, status_input_error, 'tolerance', told(job)//': not met: roundings leave an ' &
+                //'error of '//show(growth%told)//' of the event that ends the run at t = ' &
+                //show(fine%t_reached)//': it is beside grazing, or the motion is chaotic or ' &
+                //'unstable, take a larger tolerance')
+      return
+    end if
     call fail(status, status_input_error, 'tolerance', told(job)//': not met: the motion makes ' &
               //'roundings of the numbers of the system ' &
               //show(maxval(growth%grown)/epsilon(1.0_wp))//' times as large until t = ' &

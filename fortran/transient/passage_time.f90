@@ -2,6 +2,7 @@
 !! thin: their slope at one place says nothing of the next.
 module viscovib_passage_time
   use viscovib_driven_system, only: driven_system_type
+  use viscovib_event_search, only: signal_along
   use viscovib_kinds, only: wp
   use viscovib_law_branches, only: watched_function
   use viscovib_step_path, only: step_path
@@ -16,6 +17,22 @@ module viscovib_passage_time
   integer, parameter :: n_moves = 3, n_reaches = 16, n_turns = 80
   real(wp), parameter :: first_reach = 8.0_wp*epsilon(1.0_wp), growth = 8.0_wp, furthest = 1.0e-3_wp
 
+  !> A signal along the motion in a step as the method makes it, on its side above 0.
+  type :: signal_of_method
+    !> The method where the step begins.
+    class(stepper_type), pointer :: start => null()
+    class(driven_system_type), pointer :: system => null()
+    class(watched_function), pointer :: signal => null()
+    type(step_path), pointer :: path => null()
+    integer :: side = 1
+    !> Whether the last step was made, and the state there.
+    logical :: made = .true.
+    real(wp), allocatable :: q(:), v(:)
+  contains
+    procedure :: go
+    procedure :: value
+  end type signal_of_method
+
 contains
 
   !> The place at which the method itself has a passage, beside that of the polynomial of its step,
@@ -23,92 +40,154 @@ contains
   !! polynomial.
   subroutine settle_thin(start, system, signal, side, path, place, q, v)
     !> The method where the step begins.
-    class(stepper_type), intent(in) :: start
-    class(driven_system_type), intent(in) :: system
-    class(watched_function), intent(in) :: signal
+    class(stepper_type), intent(in), target :: start
+    class(driven_system_type), intent(in), target :: system
+    class(watched_function), intent(in), target :: signal
     !> The sign of the signal before.
     integer, intent(in) :: side
-    type(step_path), intent(in) :: path
+    type(step_path), intent(in), target :: path
     real(wp), intent(inout) :: place
     real(wp), intent(out) :: q(:), v(:)
-    real(wp) :: g(1), t(1), here(1, size(q)), rate(1, size(q)), first, low, high, x, reach
-    real(wp) :: ends(2)
-    logical :: made
-    integer :: i, last
+    type(signal_of_method) :: along
+    real(wp) :: t(1), here(1, size(q)), rate(1, size(q)), low, high, x, reach, ends(2)
+    logical :: found
+    integer :: i
 
+    along%start => start
+    along%system => system
+    along%signal => signal
+    along%path => path
+    along%side = side
+    along%q = q
+    along%v = v
     call path%at([place], t, here, rate)
-    first = place
     ! The state of the polynomial is one of the method a little earlier or later.
     x = place
     do i = 1, n_moves
-      call go(x)
-      if (.not. made) exit
-      reach = sum((q - here(1, :))*v)/max(path%h*sum(v*v), tiny(1.0_wp))
+      call along%go(x)
+      if (.not. along%made) exit
+      reach = sum((along%q - here(1, :))*along%v)/max(path%h*sum(along%v*along%v), tiny(1.0_wp))
       ! At rest it says nothing.
-      if (.not. abs(x - reach - first) <= furthest) exit
+      if (.not. abs(x - reach - place) <= furthest) exit
       x = min(max(x - reach, 0.0_wp), 1.0_wp)
     end do
-    made = .true.
+    along%made = .true.
+    found = .false.
     reach = first_reach*max(x, first_reach)
     do i = 1, n_reaches
       low = max(x - reach, 0.0_wp)
       high = min(x + reach, 1.0_wp)
-      ends = [value(low), value(high)]
-      if (made .and. ends(1) >= 0.0_wp .and. ends(2) < 0.0_wp) exit
+      ends = [along%value(low), along%value(high)]
+      found = along%made .and. ends(1) >= 0.0_wp .and. ends(2) < 0.0_wp
+      if (found) exit
       reach = growth*reach
     end do
-    if (i > n_reaches .or. .not. made) then
-      q = here(1, :)
-      v = rate(1, :)
-      return
-    end if
+    if (.not. found .and. along%made) call look_about_extremum(along, place, low, high, ends, found)
+    q = here(1, :)
+    v = rate(1, :)
+    if (.not. found) return
+    call close_in(along, low, high, ends)
+    place = high
+    call along%go(high)
+    q = along%q
+    v = along%v
+  end subroutine settle_thin
+
+  !> What the polynomial is off by may be more than the signal is beyond 0, beside grazing: then its
+  !! passage is far from that of the method, which lies beside the same extremum.
+  subroutine look_about_extremum(along, place, low, high, ends, found)
+    type(signal_of_method), intent(inout) :: along
+    !> The passage of the polynomial; places about that of the method, and values there.
+    real(wp), intent(in) :: place
+    real(wp), intent(inout) :: low, high, ends(2)
+    logical, intent(out) :: found
+    !> How far from each other values are that tell an extremum, as a part of the step, how far it
+    !! may be, and how often it is taken, and the other side looked for.
+    real(wp), parameter :: beside = 1.0e-4_wp, widest = 0.1_wp
+    integer, parameter :: n_takes = 3, n_looks = 8
+    real(wp) :: s(3), centre, wide, move, reach, there
+    integer :: k
+
+    found = .false.
+    centre = min(max(place, beside), 1.0_wp - beside)
+    call signal_along(along%signal, along%path, centre + [-beside, 0.0_wp, beside], s)
+    s = along%side*s
+    wide = beside
+    do k = 1, n_takes
+      if (.not. abs(s(1) - 2.0_wp*s(2) + s(3)) > 0.0_wp) return
+      move = -0.5_wp*wide*(s(3) - s(1))/(s(1) - 2.0_wp*s(2) + s(3))
+      if (.not. abs(move) <= widest) return
+      centre = centre + move
+      if (k == 1) wide = max(abs(move), first_reach)
+      if (centre - wide <= 0.0_wp .or. centre + wide >= 1.0_wp) return
+      s = [along%value(centre - wide), along%value(centre), along%value(centre + wide)]
+      if (.not. along%made) return
+    end do
+    reach = merge(-wide, wide, s(2) < 0.0_wp)
+    do k = 1, n_looks
+      if (centre + reach <= 0.0_wp .or. centre + reach >= 1.0_wp) return
+      there = along%value(centre + reach)
+      low = centre + min(reach, 0.0_wp)
+      high = centre + max(reach, 0.0_wp)
+      ends = merge([there, s(2)], [s(2), there], reach < 0.0_wp)
+      found = along%made .and. ends(1) >= 0.0_wp .and. ends(2) < 0.0_wp
+      if (found .or. .not. along%made) return
+      reach = 2.0_wp*reach
+    end do
+  end subroutine look_about_extremum
+
+  !> Bring both sides of a passage together.
+  subroutine close_in(along, low, high, ends)
+    type(signal_of_method), intent(inout) :: along
+    real(wp), intent(inout) :: low, high, ends(2)
+    real(wp) :: x, g
+    integer :: i, last
+
     last = 0
     do i = 1, n_turns
       x = low + (high - low)*(ends(1)/(ends(1) - ends(2)))
       ! Where the signal is 0 at an end but for rounding, secants stay there.
       if (modulo(i, 3) == 0 .or. x <= low .or. x >= high) x = 0.5_wp*(low + high)
       if (high - low <= 2.0_wp*epsilon(1.0_wp)*high .or. x <= low .or. x >= high) exit
-      g = value(x)
-      if (g(1) < 0.0_wp) then
+      g = along%value(x)
+      if (g < 0.0_wp) then
         high = x
-        ends(2) = g(1)
+        ends(2) = g
         if (last == 2) ends(1) = 0.5_wp*ends(1)
         last = 2
       else
         low = x
-        ends(1) = g(1)
+        ends(1) = g
         if (last == 1) ends(2) = 0.5_wp*ends(2)
         last = 1
       end if
     end do
-    place = high
-    call go(high)
+  end subroutine close_in
 
-  contains
+  !> To the state at a place.
+  subroutine go(self, x)
+    class(signal_of_method), intent(inout) :: self
+    real(wp), intent(in) :: x
+    if (x*self%path%h <= 4.0_wp*spacing(self%path%start)) then
+      self%q = self%path%q(1, :)
+      self%v = self%path%v(1, :)
+      self%made = .true.
+    else
+      call self%start%look_ahead(self%system, x*self%path%h, self%q, self%v, self%made)
+    end if
+  end subroutine go
 
-    !> The state at a place.
-    subroutine go(x)
-      real(wp), intent(in) :: x
-      if (x*path%h <= 4.0_wp*spacing(path%start)) then
-        q = path%q(1, :)
-        v = path%v(1, :)
-        made = .true.
-      else
-        call start%look_ahead(system, x*path%h, q, v, made)
-      end if
-    end subroutine go
-
-    !> The signal there, on its side above 0.
-    real(wp) function value(x)
-      real(wp), intent(in) :: x
-      real(wp) :: g(1)
-      value = 0.0_wp
-      call go(x)
-      if (.not. made) return
-      call signal%at([path%start + x*path%h], reshape(q, [1, size(q)]), reshape(v, [1, size(v)]), g)
-      value = side*g(1)
-    end function value
-
-  end subroutine settle_thin
+  !> The signal there.
+  real(wp) function value(self, x)
+    class(signal_of_method), intent(inout) :: self
+    real(wp), intent(in) :: x
+    real(wp) :: g(1)
+    value = 0.0_wp
+    call self%go(x)
+    if (.not. self%made) return
+    call self%signal%at([self%path%start + x*self%path%h], reshape(self%q, [1, size(self%q)]), &
+                        reshape(self%v, [1, size(self%v)]), g)
+    value = self%side*g(1)
+  end function value
 
 end module viscovib_passage_time

@@ -3,6 +3,7 @@
 import numpy as np
 from scipy.integrate import solve_ivp
 
+from referee import sure_events
 from referee.case import Case, Claim, even, number
 
 JUDGES = ("Event", "Trajectory.__call__")
@@ -46,7 +47,12 @@ def _levels(text, width):
 
 
 def case(rng, index):
-    """Draw an oscillator and a function of its state; ask for passages and the last state."""
+    """Draw an oscillator and a function of its state; ask for passages and the last state.
+
+    Every fourth asks how sure passages are.
+    """
+    if index % 4 == 3:
+        return sure_events.case(rng)
     text = list(LAWS)[index % len(LAWS)]
     watched = list(FUNCTIONS)[int(rng.integers(len(FUNCTIONS)))]
     a, b, level = even(rng, 0.5, 3, 3), even(rng, 0.1, 0.6, 3), even(rng, -0.4, 0.4, 3)

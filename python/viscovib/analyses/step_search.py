@@ -195,6 +195,12 @@ def _size(run: Trajectory) -> float:
 
 
 def _told_grown(want: Accuracy, run: Trajectory, grown: float) -> str:
+    if run.outcome == "event":
+        return (
+            f"{want}: not met: roundings leave an error of {grown:.1e} of the event that ends the "
+            f"run at t = {run.t_reached:.6g}: it is beside grazing, or the motion is chaotic or "
+            "unstable, take a larger tolerance"
+        )
     return (
         f"{want}: not met: the motion makes roundings of the numbers of the system "
         f"{grown / _EPS:.1e} times as large until t = {run.t_reached:.6g}, which leaves an error "
