@@ -7,7 +7,7 @@ module viscovib_event_errors
   implicit none
   private
 
-  public :: differences_type, differences_of, tell_error
+  public :: differences_type, find_differences, tell_error
 
   !> Relative error of the time of a stop inside a step.
   real(wp), parameter, public :: located = 1.0e-12_wp
@@ -26,28 +26,33 @@ module viscovib_event_errors
 contains
 
   !> Of two runs, the second the finer one; `grown`: what roundings become; `one_way`: as above.
-  pure type(differences_type) function differences_of(coarse, fine, grown, one_way) result(found)
+  pure subroutine find_differences(coarse, fine, grown, one_way, found)
     type(trajectory_type), intent(in) :: coarse, fine
     real(wp), intent(in) :: grown
     logical, intent(in) :: one_way
-    integer, allocatable :: same(:)
-    logical :: looked
-    integer :: i, n
+    type(differences_type), intent(out) :: found
+    logical :: same(min(size(coarse%t), size(fine%t))), looked
+    integer :: i, k
 
     found%least = grown
     found%one_way = one_way
-    n = min(size(coarse%t), size(fine%t))
-    same = pack([(i, i=1, n)], abs(coarse%t(:n) - fine%t(:n)) &
-                <= one_time*max(abs(fine%t_reached), 1.0e-300_wp))
-    found%times = fine%t(same)
-    found%apart = abs(fine%states(:, same) - coarse%states(:, same))
+    same = abs(coarse%t(:size(same)) - fine%t(:size(same))) &
+           <= one_time*max(abs(fine%t_reached), 1.0e-300_wp)
     looked = one_way .and. allocated(coarse%looks) .and. allocated(fine%looks)
     if (looked) looked = size(fine%looks, 2) > 0 .and. size(coarse%looks, 2) == size(fine%looks, 2)
-    if (.not. looked) return
-    found%times = [0.0_wp, found%times]
-    found%apart = reshape([maxval(abs(fine%looks - coarse%looks), 2), found%apart], &
-                          [size(found%apart, 1), size(found%times)])
-  end function differences_of
+    k = merge(1, 0, looked)
+    allocate (found%times(count(same) + k), found%apart(size(fine%states, 1), count(same) + k))
+    if (looked) then
+      found%times(1) = 0.0_wp
+      found%apart(:, 1) = maxval(abs(fine%looks - coarse%looks), 2)
+    end if
+    do i = 1, size(same)
+      if (.not. same(i)) cycle
+      k = k + 1
+      found%times(k) = fine%t(i)
+      found%apart(:, k) = abs(fine%states(:, i) - coarse%states(:, i))
+    end do
+  end subroutine find_differences
 
   !> The error of a run, by how much it changed, of its passages, and of where it stops.
   subroutine tell_error(run, coarse, change, differences, watched)

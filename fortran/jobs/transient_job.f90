@@ -4,7 +4,7 @@ module viscovib_transient_job
   use viscovib_constants, only: pi
   use viscovib_driven_runs, only: driven_runs
   use viscovib_driven_system, only: driven_system_type
-  use viscovib_event_errors, only: differences_of, differences_type, tell_error
+  use viscovib_event_errors, only: differences_type, find_differences, tell_error
   use viscovib_kinds, only: i8, wp
   use viscovib_limits, only: min_time_tolerance
   use viscovib_run_maker, only: run_maker, transient_job
@@ -140,7 +140,7 @@ contains
         cycle
       end if
       if (met) then
-        differences = differences_of(coarse, trajectory, growth%told, .not. maker%renames())
+        call find_differences(coarse, trajectory, growth%told, .not. maker%renames(), differences)
         call fill_in(maker, job, int(n, i8), factor, trajectory, change)
         call tell_error(trajectory, coarse, change, differences, job%watched)
         return
@@ -266,8 +266,8 @@ contains
     if (fine%outcome == run_completed) allowed = job%allowed(fine%states)
     if (all(growth%grown <= allowed)) return
     if (fine%outcome == run_event) then
-      call fail(status, status_input_error, 'tolerance', told(job)//': not met: roundings leave an ' &
-                //'error of '//show(growth%told)//' of the event that ends the run at t = ' &
+      call fail(status, status_input_error, 'tolerance', told(job)//': not met: roundings leave ' &
+                //'an error of '//show(growth%told)//' of the event that ends the run at t = ' &
                 //show(fine%t_reached)//': it is beside grazing, or the motion is chaotic or ' &
                 //'unstable, take a larger tolerance')
       return

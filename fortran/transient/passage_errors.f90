@@ -17,6 +17,9 @@ module viscovib_passage_errors
 
   !> Rounding of what a function reads.
   real(wp), parameter :: rounding = 4.0_wp*epsilon(1.0_wp)
+  !> Passages ahead that are compared, too: inside a step two polynomials may be near to each other
+  !! by chance at any one.
+  integer, parameter :: ahead = 2
 
 contains
 
@@ -37,7 +40,7 @@ contains
     !> Shape (2, size(own, 2)).
     real(wp), intent(out) :: errors(:, :)
     type(watch_type) :: watch
-    integer :: partner(size(own, 2)), i, n, next
+    integer :: partner(size(own, 2)), i, n, next, seen
     real(wp) :: off(2*((size(own, 1) - n_told)/3)), pace(size(off)), slack, late
     logical :: may_vanish, known
 
@@ -46,6 +49,7 @@ contains
     call find_partners(own, other, n, partner)
     off = least
     next = 1
+    seen = 0
     do i = 1, size(own, 2)
       associate (t => own(2, i), state => own(3:2*n + 2, i), rate => own(3*n + 3, i), &
                  bend => own(3*n + 4, i))
@@ -59,10 +63,11 @@ contains
         pace(1::2) = state(2::2)
         pace(2::2) = own(2*n + 3:3*n + 2, i)
         late = 0.0_wp
-        if (partner(i) > 0) then
-          late = abs(t - other(2, partner(i)))
-          if (compared) call compare(own(:, i), other(:, partner(i)), n, off)
-        end if
+        if (partner(i) > 0) late = abs(t - other(2, partner(i)))
+        do while (compared .and. seen < min(i + ahead, size(own, 2)))
+          seen = seen + 1
+          if (partner(seen) > 0) call compare(own(:, seen), other(:, partner(seen)), n, off)
+        end do
         slack = slack_of(watch%signals(nint(own(1, i)))%program, t, state, off, bend)
         call time_error(slack, rate, bend, errors(1, i), may_vanish)
         known = errors(1, i) < wall
@@ -156,19 +161,19 @@ contains
     off = max(off, abs(states - 0.5_wp*later*paces))
   end subroutine compare
 
-  !> What errors of a state make of a function, and rounding; at a jump the largest of what it reads.
+  !> What errors of a state make of a function, and rounding; at a jump the largest of those read.
   pure real(wp) function slack_of(law, t, state, off, bend) result(slack)
     type(law_program), intent(in) :: law
     real(wp), intent(in) :: t, state(:), off(:), bend
     type(range_type) :: arguments(size(state) + 1), range
-    logical :: read(size(arguments))
+    logical :: is_read(size(arguments))
     integer :: i
 
-    read = .false.
+    is_read = .false.
     do i = 1, size(law%code)
-      if (law%code(i) == put_argument) read(nint(law%number(i))) = .true.
+      if (law%code(i) == put_argument) is_read(nint(law%number(i))) = .true.
     end do
-    slack = maxval(off, mask=read(:size(off)))
+    slack = maxval(off, mask=is_read(:size(off)))
     if (bend < 0.0_wp) return
     slack = 0.0_wp
     do i = 1, size(state)
@@ -178,7 +183,7 @@ contains
     arguments(size(arguments))%value = t
     arguments(size(arguments))%noise = spacing(t)
     do i = 1, size(arguments)
-      if (.not. read(i)) cycle
+      if (.not. is_read(i)) cycle
       arguments(i)%rate = 1.0_wp
       call bounds_of(law, arguments, range)
       if (i <= size(off)) slack = slack + maxval(abs(range%rate))*off(i)

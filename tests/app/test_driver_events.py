@@ -109,6 +109,10 @@ def test_events_are_those_of_the_equations(solve, tmp_path):
     assert true.t_events[0].size >= 3
     assert table["event"].tolist() == [1] * true.t_events[0].size + [2] * true.t_events[1].size
     assert table["t"] == pytest.approx(np.concatenate(true.t_events), abs=1e-9)
+    off = np.abs(table["t"] - np.concatenate(true.t_events))
+    assert (off <= 1.5 * table["t_error"] + 1e-11).all()
+    assert table["t_error"].max() < 1e-10
+    assert table["state_error"].max() < 1e-10
     states = np.concatenate(true.y_events)
     assert table["y"] == pytest.approx(states[:, 1], abs=1e-9)
     assert table["y_dot"] == pytest.approx(states[:, 3], abs=1e-9)
