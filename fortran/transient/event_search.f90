@@ -48,7 +48,7 @@ contains
     logical, intent(in) :: fresh
     logical, intent(out) :: found
     real(wp), intent(out) :: place
-    real(wp) :: x(size(path%points) + 1), g(size(path%points) + 1), low, high, change
+    real(wp) :: x(size(path%points) + 1), g(size(path%points) + 1), low, high, change, slack
     integer :: j, n
 
     ! Places that hardly differ from the first one say nothing.
@@ -63,7 +63,13 @@ contains
     g(:n) = side*g(:n)
     found = .false.
     place = from
-    if (fresh) g(1) = max(g(1), 0.0_wp)
+    slack = 0.0_wp
+    if (fresh) then
+      ! What leaves a surface slowly is on either side of it by rounding for a while.
+      slack = rounding_of(signal, path)
+      g(1) = max(g(1), 0.0_wp)
+      where (g(2:n) < 0.0_wp .and. g(2:n) >= -slack) g(2:n) = 0.0_wp
+    end if
     do j = 2, n
       if (g(j) < 0.0_wp) then
         found = .true.
@@ -75,11 +81,24 @@ contains
       end if
       change = maxval(abs(g(max(j - 1, 2):min(j + 1, n)) - g(max(j - 2, 1):min(j, n - 1))))
       if (min(g(j - 1), g(j)) > change) cycle
-      call dip(signal, path, side, x(j - 1), x(j), fresh .and. j == 2, found, low, high)
+      call dip(signal, path, side, x(j - 1), x(j), fresh .and. j == 2, slack, found, low, high)
       if (found) exit
     end do
     if (found) place = place_of_change(signal, path, side, low, high)
   end subroutine first_passage
+
+  !> What rounding of states makes of a signal in a step.
+  real(wp) function rounding_of(signal, path)
+    class(watched_function), intent(in) :: signal
+    type(step_path), intent(in) :: path
+    !> What states are other by, relatively.
+    real(wp), parameter :: other = 1.0_wp + 4.0_wp*epsilon(1.0_wp)
+    real(wp), dimension(size(path%points)) :: times, g, moved
+    times = path%start + path%h*path%points
+    call signal%at(times, path%q, path%v, g)
+    call signal%at(times, other*path%q, other*path%v, moved)
+    rounding_of = maxval(abs(moved - g))
+  end function rounding_of
 
   !> Of what begins on the surface, a place where it is on its side, if there is one before x.
   subroutine leave_start(signal, path, side, from, x, low)
@@ -99,12 +118,14 @@ contains
   end subroutine leave_start
 
   !> Whether a signal passes 0 between two places at which it has not.
-  subroutine dip(signal, path, side, from, to, fresh, found, low, high)
+  subroutine dip(signal, path, side, from, to, fresh, slack, found, low, high)
     class(watched_function), intent(in) :: signal
     type(step_path), intent(in) :: path
     integer, intent(in) :: side
     real(wp), intent(in) :: from, to
     logical, intent(in) :: fresh
+    !> As far beyond 0 is no passage.
+    real(wp), intent(in) :: slack
     logical, intent(out) :: found
     real(wp), intent(out) :: low, high
     real(wp) :: x(0:n_parts), g(0:n_parts), a, b, at(2), value(2)
@@ -116,7 +137,7 @@ contains
     if (fresh) g(0) = 0.0_wp
     found = .true.
     do i = 1, n_parts
-      if (g(i) >= 0.0_wp) cycle
+      if (g(i) >= -slack) cycle
       low = x(i - 1)
       high = x(i)
       if (fresh .and. i == 1) then
@@ -149,7 +170,7 @@ contains
       call signal_along(signal, path, at, value)
       value = side*value
       k = minloc(value, 1)
-      if (value(k) < 0.0_wp) then
+      if (value(k) < -slack) then
         found = .true.
         low = a
         high = at(k)
