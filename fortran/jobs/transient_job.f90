@@ -46,8 +46,8 @@ module viscovib_transient_job
   integer, parameter :: states_at_stop = 100, halvings_at_stop = 6
 
   !> What roundings become along a motion, of each row of states (not allocated: not looked at), as
-  !! far as two runs or that tell, and the first run that is near enough to tell, in steps shorter by
-  !! the factor.
+  !! far as two runs or that tell, and the first run that is near enough to tell, in steps shorter
+  !! by the factor.
   type :: growth_type
     type(trajectory_type) :: run
     integer :: factor = 0
