@@ -18,9 +18,9 @@ subroutine mount_branch(flat, n_flat, kind_x, data_x, n_x, kind_phi, data_phi, n
                         cancel, n_points, ended, n_used, p, iterations, error, off, kept, &
                         truncation, missed, coefficients, is_stop, n_folds, &
                         folds, fold_errors, fold_coefficients, n_branch_points, branch_points, &
-                        branch_point_x, across, branch_before, stable, growing, multipliers, &
-                        exponents, n_crossings, kinds, before, crossings, crossing_coefficients, &
-                        allowed, status)
+                        branch_errors, branch_point_x, across, branch_before, stable, growing, &
+                        multipliers, exponents, n_crossings, kinds, before, crossings, &
+                        crossing_errors, crossing_coefficients, allowed, status)
   use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
   use, intrinsic :: iso_c_binding, only: c_double, c_double_complex, c_int
   use viscovib_binding_tools, only: fill_stability, make_load, make_options, make_system, report, &
@@ -69,7 +69,7 @@ subroutine mount_branch(flat, n_flat, kind_x, data_x, n_x, kind_phi, data_phi, n
   complex(c_double_complex), intent(out) :: coefficients(n_kept, n_rows - 1, max_points)
   !> Of special points, at most max_special of a kind.
   real(c_double), intent(out) :: folds(max_special), fold_errors(max_special)
-  real(c_double), intent(out) :: branch_points(max_special)
+  real(c_double), intent(out) :: branch_points(max_special), branch_errors(max_special)
   complex(c_double_complex), intent(out) :: fold_coefficients(n_kept, n_rows - 1, max_special)
   real(c_double), intent(out) :: branch_point_x(n_unknowns, max_special)
   real(c_double), intent(out) :: across(n_unknowns + 1, max_special)
@@ -79,9 +79,9 @@ subroutine mount_branch(flat, n_flat, kind_x, data_x, n_x, kind_phi, data_phi, n
   complex(c_double_complex), intent(out) :: multipliers(2*n_rows + 2, n_judged)
   complex(c_double_complex), intent(out) :: exponents(2*n_rows + 2, n_judged)
   !> How many there are, of which the first max_special are given: kinds of
-  !! `viscovib_crossings`, points before (from 1), and where: NaN if not located.
+  !! `viscovib_crossings`, points before (from 1), and where, NaN if not located, with errors.
   integer(c_int), intent(out) :: n_crossings, kinds(max_special), before(max_special)
-  real(c_double), intent(out) :: crossings(max_special)
+  real(c_double), intent(out) :: crossings(max_special), crossing_errors(max_special)
   complex(c_double_complex), intent(out) :: &
     crossing_coefficients(n_kept, n_rows - 1, max_special)
   !f2py threadsafe
@@ -164,6 +164,7 @@ subroutine mount_branch(flat, n_flat, kind_x, data_x, n_x, kind_phi, data_phi, n
       n_branch_points = min(branch%branch_points%n, max_special)
       associate (n => n_branch_points)
         branch_points(:n) = branch%branch_points%p(:n)
+        branch_errors(:n) = branch%branch_points%error(:n)
         do i = 1, n
           j = size(branch%branch_points%x, 1)
           branch_point_x(:, i) = refitted(curve%blocks, branch%branch_points%x(:, i), n_unknowns)
@@ -189,16 +190,16 @@ subroutine mount_branch(flat, n_flat, kind_x, data_x, n_x, kind_phi, data_phi, n
       call fill_stability(stability, stable, multipliers, exponents)
       growing(:n_points) = stability%n_growing
       n_crossings = size(found_crossings)
-      do i = 1, min(n_crossings, max_special)
-        associate (crossing => found_crossings(i))
-          kinds(i) = crossing%kind
-          before(i) = crossing%before
-          crossings(i) = ieee_value(0.0_c_double, ieee_quiet_nan)
-          if (.not. crossing%located) cycle
-          crossings(i) = crossing%p
-          call to_complex(reshape(crossing%x, [size(crossing%x), 1]), &
-                          crossing_coefficients(:n_used, :, i:i))
-        end associate
+      j = min(n_crossings, max_special)
+      kinds(:j) = found_crossings(:j)%kind
+      before(:j) = found_crossings(:j)%before
+      crossings(:j) = merge(found_crossings(:j)%p, ieee_value(0.0_c_double, ieee_quiet_nan), &
+                            found_crossings(:j)%located)
+      crossing_errors(:j) = found_crossings(:j)%error
+      do i = 1, j
+        if (.not. found_crossings(i)%located) cycle
+        call to_complex(reshape(found_crossings(i)%x, [size(branch%x, 1), 1]), &
+                        crossing_coefficients(:n_used, :, i:i))
       end do
     end if
   end if

@@ -127,6 +127,58 @@ subroutine pendulum_truncation(flat, orders, n_axes, n_orders, kept, drive_order
   call report(problem, status)
 end subroutine pendulum_truncation
 
+!> How far off the branch points and crossings of a branch are, found with orders to `bound`, by
+!! `step` more shells; points before them, from 1. Arguments as above.
+subroutine pendulum_place_errors(flat, orders, n_axes, n_orders, kept, drive_orders, omega, &
+                                 amplitude, vary, which, p, n_p, x, n_unknowns, n_room, &
+                                 n_branch_points, branch_p, branch_x, branch_before, n_crossings, &
+                                 crossing_p, crossing_x, crossing_before, turn, known, bound, &
+                                 step, cancel, branch_errors, crossing_errors, status)
+  use, intrinsic :: iso_c_binding, only: c_double, c_int
+  use viscovib_binding_tools, only: make_pendulum, report
+  use viscovib_orbit_errors, only: find_branch_errors, find_crossing_errors
+  use viscovib_pendulum, only: pendulum_type
+  use viscovib_status, only: status_type
+  use viscovib_torus_orders, only: new_ladder, torus_ladder
+  implicit none
+  integer(c_int), intent(in) :: n_axes, n_orders, n_p, n_unknowns, n_room, bound, step
+  integer(c_int), intent(in) :: n_branch_points, branch_before(n_room)
+  integer(c_int), intent(in) :: n_crossings, crossing_before(n_room)
+  integer(c_int), intent(in) :: orders(n_axes, n_orders), drive_orders(n_axes, 3), vary, which
+  integer(c_int), intent(in) :: kept(n_orders, 3)
+  real(c_double), intent(in) :: flat(14), omega(n_axes), amplitude(3), p(n_p)
+  real(c_double), intent(in) :: x(n_unknowns, n_p)
+  real(c_double), intent(in) :: branch_p(n_room), branch_x(n_unknowns, n_room)
+  real(c_double), intent(in) :: crossing_p(n_room), crossing_x(n_unknowns, n_room)
+  !> Angles of the multipliers that cross, and errors where these are known, else -1.
+  real(c_double), intent(in) :: turn(n_room), known(n_room)
+  integer(c_int), intent(inout) :: cancel(1)
+  real(c_double), intent(out) :: branch_errors(n_room), crossing_errors(n_room)
+  integer(c_int), intent(out) :: status
+  !f2py threadsafe
+  type(pendulum_type), target :: system
+  type(torus_ladder) :: ladder
+  type(status_type) :: problem
+
+  branch_errors = 0.0_c_double
+  crossing_errors = known
+  call make_pendulum(system, flat, problem)
+  if (.not. problem%failed()) then
+    call new_ladder(ladder, system, orders, kept /= 0, drive_orders, omega, amplitude, vary, &
+                    which, bound, bound, step)
+    associate (n => n_branch_points, m => n_crossings)
+      call find_branch_errors(ladder, p, x, branch_p(:n), branch_x(:, :n), branch_before(:n), &
+                              branch_errors(:n), problem, cancel(1))
+      if (.not. problem%failed()) then
+        call find_crossing_errors(ladder, p, x, crossing_p(:m), crossing_x(:, :m), &
+                                  crossing_before(:m), turn(:m), crossing_errors(:m), problem, &
+                                  cancel(1))
+      end if
+    end associate
+  end if
+  call report(problem, status)
+end subroutine pendulum_place_errors
+
 !> A branch from p = start to p = finish. With leave = 1 it begins at the point
 !! (begin, begin_p) in the direction `along`, with 0 at a solution found at p = start.
 !! Stability and `kept` as above.
@@ -137,7 +189,7 @@ subroutine pendulum_branch(flat, orders, n_axes, n_orders, kept, drive_orders, o
                            multipliers, growing, rates, rates_off, n_folds, folds, fold_errors, &
                            fold_before, fold_x, n_branch_points, &
                            branch_points, branch_point_x, across, branch_before, n_crossings, &
-                           kinds, before, crossings, crossing_x, status)
+                           kinds, before, crossings, crossing_errors, turns, crossing_x, status)
   use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
   use, intrinsic :: iso_c_binding, only: c_double, c_double_complex, c_int
   use viscovib_binding_tools, only: make_pendulum, report
@@ -181,9 +233,11 @@ subroutine pendulum_branch(flat, orders, n_axes, n_orders, kept, drive_orders, o
   real(c_double), intent(out) :: across(n_unknowns + 1, max_special)
   integer(c_int), intent(out) :: branch_before(max_special), n_branch_points
   !> Changes of stability, of which the first max_special are given: kinds of
-  !! `viscovib_crossings`, points before (from 1), and where: NaN if not located.
+  !! `viscovib_crossings`, points before (from 1), and where: NaN if not located. Errors of folds
+  !! are those of rounding, of other places -1; angles of the multipliers that cross.
   integer(c_int), intent(out) :: n_crossings, kinds(max_special), before(max_special), status
-  real(c_double), intent(out) :: crossings(max_special), crossing_x(n_unknowns, max_special)
+  real(c_double), intent(out) :: crossings(max_special), crossing_errors(max_special)
+  real(c_double), intent(out) :: turns(max_special), crossing_x(n_unknowns, max_special)
   !f2py threadsafe
   ! Room for all points is not zeroed: that would take seconds, deaf to Ctrl-C.
   !f2py intent(out, cache) x
@@ -221,7 +275,6 @@ subroutine pendulum_branch(flat, orders, n_axes, n_orders, kept, drive_orders, o
   branch_points = 0.0_c_double
   branch_point_x = 0.0_c_double
   across = 0.0_c_double
-  branch_before = 0
   call make_pendulum(system, flat, problem)
   if (.not. problem%failed()) call new_torus(torus, orders, problem)
   if (.not. problem%failed()) then
@@ -272,12 +325,15 @@ subroutine pendulum_branch(flat, orders, n_axes, n_orders, kept, drive_orders, o
                                 branch%x(:, :n_points), multipliers(:, :n_points), branch%folds, &
                                 branch%branch_points, changes, cancel(1))
       n_crossings = size(changes)
-      do i = 1, min(n_crossings, max_special)
-        kinds(i) = changes(i)%kind
-        before(i) = changes(i)%before
-        crossings(i) = ieee_value(0.0_c_double, ieee_quiet_nan)
+      found = min(n_crossings, max_special)
+      kinds(:found) = changes(:found)%kind
+      before(:found) = changes(:found)%before
+      crossings(:found) = merge(changes(:found)%p, ieee_value(0.0_c_double, ieee_quiet_nan), &
+                                changes(:found)%located)
+      crossing_errors(:found) = changes(:found)%error
+      turns(:found) = aimag(changes(:found)%eta)
+      do i = 1, found
         if (.not. changes(i)%located) cycle
-        crossings(i) = changes(i)%p
         crossing_x(:, i) = reshape(balance%expanded(changes(i)%x), [n_unknowns])
       end do
     else if (duration > 0.0_c_double) then

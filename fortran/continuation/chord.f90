@@ -16,6 +16,8 @@ module viscovib_chord
     real(wp) :: sigma = 0.0_wp, p = 0.0_wp
     !> dp/dsigma, where `go_to` has found the point.
     real(wp) :: slope = 0.0_wp
+    !> The last correction there, of x against its size and of p: rounding, or next to it.
+    real(wp) :: left = 0.0_wp, left_p = 0.0_wp
     !> Shape (n).
     real(wp), allocatable :: x(:)
   end type chord_point
@@ -29,6 +31,7 @@ module viscovib_chord
   contains
     procedure :: go_to
     procedure :: sigma_of
+    procedure :: border
   end type chord_type
 
 contains
@@ -60,6 +63,18 @@ contains
     sigma_of = (sum(self%normal_x*(x - self%x)) + self%normal_p*(p - self%p))/self%length
   end function sigma_of
 
+  !> Border the derivatives by x with those by p and the gradient of sigma, shape (n + 1, n + 1).
+  pure subroutine border(self, by_p, matrix)
+    class(chord_type), intent(in) :: self
+    real(wp), intent(in) :: by_p(:)
+    real(wp), intent(inout) :: matrix(:, :)
+    integer :: n
+    n = size(by_p)
+    matrix(:n, n + 1) = by_p
+    matrix(n + 1, :n) = self%normal_x
+    matrix(n + 1, n + 1) = self%normal_p
+  end subroutine border
+
   !> The point of the curve on the plane sigma, by Newton's method from between two others.
   subroutine go_to(self, curve, sigma, a, b, found, made)
     class(chord_type), intent(in) :: self
@@ -83,9 +98,7 @@ contains
     do k = 1, max_corrections
       call curve%equations(found%x, found%p, r, matrix, by_p, inside)
       if (.not. inside) return
-      matrix(:n, n + 1) = by_p
-      matrix(n + 1, :n) = self%normal_x
-      matrix(n + 1, n + 1) = self%normal_p
+      call self%border(by_p, matrix)
       right(:n) = r
       right(n + 1) = (self%sigma_of(found%p, found%x) - sigma)*self%length
       call factorize(n + 1, matrix, pivots, singular)
@@ -100,6 +113,8 @@ contains
       made = change <= correction_tolerance*size_x .and. abs(right(n + 1)) &
              <= correction_tolerance*abs(found%p)
       made = made .or. (change <= as_rounding_lets*size_x .and. change >= last)
+      found%left = change/max(size_x, tiny(size_x))
+      found%left_p = abs(right(n + 1))
       if (made) exit
       last = change
     end do

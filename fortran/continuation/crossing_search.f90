@@ -22,6 +22,9 @@ module viscovib_crossing_search
 
   public :: crossing_type, find_changes
 
+  !> An error that is not known yet.
+  real(wp), parameter, public :: unknown = -1.0_wp
+
   !> What is crossed: a multiplier 1 where p turns back, or where it does not; -1 of half a
   !! period; -1; a pair.
   integer, parameter, public :: crossing_fold = 1, crossing_branch_point = 2, &
@@ -41,9 +44,13 @@ module viscovib_crossing_search
     integer :: kind = 0, before = 0
     !> Whether p and x are known.
     logical :: located = .false.
-    real(wp) :: p = 0.0_wp
+    !> How far off p is: known of folds and branch points that the continuation has located, of
+    !! others what `viscovib_crossing_errors` finds.
+    real(wp) :: p = 0.0_wp, error = unknown
     !> Unknowns of the curve.
     real(wp), allocatable :: x(:)
+    !> The exponent there.
+    complex(wp) :: eta = (0.0_wp, 0.0_wp)
   end type crossing_type
 
   !> A search along a branch, and what it knows between two neighbours.
@@ -62,7 +69,7 @@ module viscovib_crossing_search
     type(chord_type) :: chord
     type(node_type) :: first, last
     !> Known places between them: sigma, p, unknowns and kinds.
-    real(wp), allocatable :: places(:), place_p(:), place_x(:, :)
+    real(wp), allocatable :: places(:), place_p(:), place_errors(:), place_x(:, :)
     integer, allocatable :: place_kinds(:)
   end type search_type
 
@@ -144,7 +151,7 @@ contains
 
     call gather(s)
     if (which == 0 .and. alone(s)) then
-      call append(s, s%place_kinds(1), s%place_p(1), s%place_x(:, 1))
+      call append(s, s%place_kinds(1), s%place_p(1), s%place_x(:, 1), s%place_errors(1), 0.0_wp)
       return
     end if
     left = s%first
@@ -152,7 +159,7 @@ contains
       call look_around(s, k, left, lower, upper, told)
       if (.not. told) cycle
       call explain_part(left, lower)
-      call append(s, s%place_kinds(k), s%place_p(k), s%place_x(:, k))
+      call append(s, s%place_kinds(k), s%place_p(k), s%place_x(:, k), s%place_errors(k), 0.0_wp)
       left = upper
     end do
     call explain_part(left, s%last)
@@ -199,6 +206,7 @@ contains
       s%crossings(m)%kind = crossing_fold
       s%crossings(m)%located = .true.
       s%crossings(m)%p = s%folds%p(j)
+      s%crossings(m)%error = s%folds%error(j)
       s%crossings(m)%x = s%folds%x(:size(s%x, 1), j)
     end do
   end subroutine give_folds
@@ -251,33 +259,37 @@ contains
     integer :: j, m
     s%places = [real(wp) ::]
     s%place_p = [real(wp) ::]
+    s%place_errors = [real(wp) ::]
     s%place_kinds = [integer ::]
     s%place_x = reshape([real(wp) ::], [size(s%x, 1), 0])
     do j = 1, s%folds%n
       if (s%folds%before(j) /= s%i) cycle
-      call put(s, s%folds%p(j), s%folds%x(:size(s%x, 1), j), crossing_fold)
+      call put(s, s%folds%p(j), s%folds%error(j), s%folds%x(:size(s%x, 1), j), crossing_fold)
     end do
     do j = 1, s%branch_points%n
       if (s%branch_points%before(j) /= s%i) cycle
-      call put(s, s%branch_points%p(j), s%branch_points%x(:size(s%x, 1), j), crossing_branch_point)
+      call put(s, s%branch_points%p(j), s%branch_points%error(j), &
+               s%branch_points%x(:size(s%x, 1), j), crossing_branch_point)
     end do
     do j = 2, size(s%places)
       do m = j, 2, -1
         if (s%places(m) >= s%places(m - 1)) exit
         s%places([m - 1, m]) = s%places([m, m - 1])
         s%place_p([m - 1, m]) = s%place_p([m, m - 1])
+        s%place_errors([m - 1, m]) = s%place_errors([m, m - 1])
         s%place_kinds([m - 1, m]) = s%place_kinds([m, m - 1])
         s%place_x(:, [m - 1, m]) = s%place_x(:, [m, m - 1])
       end do
     end do
   end subroutine gather
 
-  subroutine put(s, at_p, at_x, kind)
+  subroutine put(s, at_p, error, at_x, kind)
     type(search_type), intent(inout) :: s
-    real(wp), intent(in) :: at_p, at_x(:)
+    real(wp), intent(in) :: at_p, error, at_x(:)
     integer, intent(in) :: kind
     s%places = [s%places, s%chord%sigma_of(at_p, at_x)]
     s%place_p = [s%place_p, at_p]
+    s%place_errors = [s%place_errors, error]
     s%place_kinds = [s%place_kinds, kind]
     s%place_x = reshape([s%place_x, at_x], [size(at_x), size(s%places)])
   end subroutine put
@@ -336,7 +348,7 @@ contains
     end if
     call explain(s, a, lo, depth + 1, cancel)
     if (abs(hi%n_growing - lo%n_growing) == width) then
-      call append(s, kind, root%at%p, root%at%x)
+      call append(s, kind, root%at%p, root%at%x, unknown, aimag(root%eta(1)))
     else
       call report(s, lo, hi)
     end if
@@ -377,22 +389,19 @@ contains
       if (kind == crossing_pair .and. k == min(a%n_growing, b%n_growing) + 1) then
         kind = crossing_branch_point
       end if
-      s%crossings = [s%crossings, crossing_type(kind, s%i, .false., 0.0_wp, [real(wp) ::])]
+      s%crossings = [s%crossings, crossing_type(kind, s%i, x=[real(wp) ::])]
       k = k - merge(2, 1, kind == crossing_pair)
     end do
   end subroutine report
 
-  subroutine append(s, kind, at_p, at_x)
+  subroutine append(s, kind, at_p, at_x, error, turn)
     type(search_type), intent(inout) :: s
     integer, intent(in) :: kind
-    real(wp), intent(in) :: at_p, at_x(:)
-    type(crossing_type) :: crossing
-    crossing%kind = kind
-    crossing%before = s%i
-    crossing%located = .true.
-    crossing%p = at_p
-    crossing%x = at_x
-    s%crossings = [s%crossings, crossing]
+    real(wp), intent(in) :: at_p, at_x(:), error
+    !> Of the multiplier.
+    real(wp), intent(in) :: turn
+    s%crossings = [s%crossings, crossing_type(kind, s%i, .true., at_p, error, at_x, &
+                                              cmplx(0.0_wp, turn, wp))]
   end subroutine append
 
   pure integer function kind_of(half_wave, exponent, slope, a, b) result(kind)

@@ -1,5 +1,6 @@
 !> What tables of curves share: columns and notes about stability.
 module viscovib_curve_columns
+  use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
   use viscovib_crossings, only: crossing_names, crossing_type
   use viscovib_kinds, only: wp
   use viscovib_number_text, only: exact
@@ -43,6 +44,10 @@ contains
       if (crossings(i)%located) row = row//' at '//varies//' = '//trim(exact(crossings(i)%p))
       call table%note(row)
     end do
+    if (size(crossings) == 0) return
+    call table%note('estimated errors of these changes:' &
+                    //listed(merge(crossings%error, ieee_value(0.0_wp, ieee_quiet_nan), &
+                                   crossings%located)))
   end subroutine note_crossings
 
   !> Columns about stability: how many multipliers are outside the unit circle, -1: unknown, and

@@ -10,6 +10,7 @@ module viscovib_driven_job
   use viscovib_job, only: job_report, job_type, plan_unwanted, table_sink
   use viscovib_kinds, only: wp
   use viscovib_number_text, only: exact
+  use viscovib_orbit_errors, only: find_branch_errors, find_crossing_errors, judging_twice
   use viscovib_orbit_floquet, only: orbit_floquet_type
   use viscovib_orbit_multipliers, only: count_larger
   use viscovib_orbit_stability, only: find_orbit_crossings, judge_orbits, orbit_circle
@@ -66,7 +67,7 @@ module viscovib_driven_job
     !> What the last correction and rounding leave, at the value of the parameter and off the
     !! curve, shape (n).
     real(wp), allocatable :: error(:), off(:)
-    real(wp), allocatable :: folds(:), fold_errors(:), branch_points(:)
+    real(wp), allocatable :: folds(:), fold_errors(:), branch_points(:), branch_errors(:)
     !> Largest first, NaN where unknown, shape (6, n), and changes of stability; left without
     !! arrays where not wanted, or with several base frequencies.
     complex(wp), allocatable :: multipliers(:, :)
@@ -88,6 +89,8 @@ module viscovib_driven_job
     procedure :: begin
     procedure :: follow_first
     procedure :: judge
+    procedure :: new_judging_ladder
+    procedure :: judge_crossings
     procedure :: in_full
     procedure :: keep
   end type tracing_type
@@ -193,7 +196,8 @@ contains
     allocate (branches(1 + size(job%switch)))
     call follow_with_enough(job, pendulum, tracing, first, truncation, status)
     if (status%failed()) return
-    call tracing%keep(job, first, branches(1))
+    call tracing%keep(job, first, branches(1), status)
+    if (status%failed()) return
     branches(1)%truncation = truncation
     do i = 1, size(job%switch)
       n = abs(job%switch(i))
@@ -208,8 +212,8 @@ contains
                           sign(1, job%switch(i))*points%across(:, n))
       end associate
       call tracing%judge(job, other, truncation, status)
+      if (.not. status%failed()) call tracing%keep(job, other, branches(i + 1), status)
       if (status%failed()) return
-      call tracing%keep(job, other, branches(i + 1))
       branches(i + 1)%truncation = truncation
     end do
   end subroutine trace
@@ -310,7 +314,8 @@ contains
     if (self%symmetric) kept = kept_by_symmetry(self%torus, orders, load, self%parameter)
   end function kept_of
 
-  !> What more orders would change, where that is most; its folds are told how far they move.
+  !> What more orders would change, where that is most; folds and branch points are told how far
+  !! they move.
   subroutine judge(self, job, branch, truncation, status)
     class(tracing_type), intent(in) :: self
     type(driven_job), intent(in) :: job
@@ -318,16 +323,10 @@ contains
     real(wp), intent(out) :: truncation
     type(status_type), intent(out) :: status
     type(torus_ladder) :: ladder
-    integer, allocatable :: orders(:, :)
     real(wp) :: moved(branch%folds%n)
-    integer :: shells
 
     truncation = 0.0_wp
-    shells = judging_shells(job%torus)
-    orders = lattice(job%torus%n_axes, self%bound + shells)
-    call new_ladder(ladder, self%system, orders, job%kept_of(orders, self%load), &
-                    job%torus%orders, job%torus%base, self%load, self%balance%vary, &
-                    self%balance%which, self%bound, self%bound, shells)
+    call self%new_judging_ladder(job, judging_shells(job%torus), ladder)
     associate (n => branch%n_points, folds => branch%folds)
       call branch_truncation(ladder, branch%parameter(:n), self%in_full(branch%x(:, :n)), &
                              self%options%tolerance, truncation, status)
@@ -337,7 +336,63 @@ contains
                            folds%before(:folds%n), moved, status)
       folds%error(:folds%n) = folds%error(:folds%n) + moved
     end associate
+    if (status%failed() .or. branch%branch_points%n == 0) return
+    call self%new_judging_ladder(job, shells_of_places(self%bound, job%torus), ladder)
+    associate (n => branch%n_points, points => branch%branch_points)
+      call find_branch_errors(ladder, branch%parameter(:n), self%in_full(branch%x(:, :n)), &
+                              points%p(:points%n), self%in_full(points%x(:, :points%n)), &
+                              points%before(:points%n), points%error(:points%n), status)
+    end associate
   end subroutine judge
+
+  !> Orders to the bound, and shells more that judge motions with these.
+  subroutine new_judging_ladder(self, job, shells, ladder)
+    class(tracing_type), intent(in) :: self
+    type(driven_job), intent(in) :: job
+    integer, intent(in) :: shells
+    type(torus_ladder), intent(out) :: ladder
+    integer, allocatable :: orders(:, :)
+
+    orders = lattice(job%torus%n_axes, self%bound + shells)
+    call new_ladder(ladder, self%system, orders, job%kept_of(orders, self%load), &
+                    job%torus%orders, job%torus%base, self%load, self%balance%vary, &
+                    self%balance%which, self%bound, self%bound, shells)
+  end subroutine new_judging_ladder
+
+  !> How many shells more judge places.
+  pure integer function shells_of_places(bound, torus) result(shells)
+    integer, intent(in) :: bound
+    type(drive_torus_type), intent(in) :: torus
+    shells = judging_twice(torus%n_axes, judging_shells(torus), bound, &
+                           largest_bound(torus%n_axes, 1.0_wp, max_unknowns))
+  end function shells_of_places
+
+  !> How far off other places are where stability changes.
+  subroutine judge_crossings(self, job, branch, crossings, status)
+    class(tracing_type), intent(in) :: self
+    type(driven_job), intent(in) :: job
+    type(curve_branch_type), intent(in) :: branch
+    type(crossing_type), intent(inout) :: crossings(:)
+    type(status_type), intent(out) :: status
+    type(torus_ladder) :: ladder
+    real(wp) :: x(self%torus%n*3, size(crossings)), errors(size(crossings))
+    integer :: i
+
+    x = 0.0_wp
+    errors = 0.0_wp
+    do i = 1, size(crossings)
+      if (.not. crossings(i)%located) cycle
+      x(:, i:i) = self%in_full(reshape(crossings(i)%x, [size(crossings(i)%x), 1]))
+      errors(i) = crossings(i)%error
+    end do
+    call self%new_judging_ladder(job, shells_of_places(self%bound, job%torus), ladder)
+    associate (n => branch%n_points)
+      call find_crossing_errors(ladder, branch%parameter(:n), self%in_full(branch%x(:, :n)), &
+                                crossings%p, x, crossings%before, aimag(crossings%eta), errors, &
+                                status)
+    end associate
+    crossings%error = errors
+  end subroutine judge_crossings
 
   !> Unknowns with those left out as 0, a column each.
   pure function in_full(self, x) result(whole)
@@ -351,15 +406,17 @@ contains
   end function in_full
 
   !> A branch in units of the parameter, with its stability.
-  subroutine keep(self, job, from, to)
+  subroutine keep(self, job, from, to, status)
     class(tracing_type), intent(inout), target :: self
     type(driven_job), intent(in) :: job
     type(curve_branch_type), intent(in) :: from
     type(driven_branch), intent(out) :: to
+    type(status_type), intent(out) :: status
     ! Its steps are those of the branch, whatever was computed before.
     type(orbit_floquet_type) :: floquet
     integer :: n
 
+    call set_ok(status)
     n = from%n_points
     to%outcome = from%outcome
     to%harmonics = self%bound
@@ -372,6 +429,7 @@ contains
     to%folds = from%folds%p*self%unit
     to%fold_errors = from%folds%error*self%unit
     to%branch_points = from%branch_points%p*self%unit
+    to%branch_errors = from%branch_points%error*self%unit
     if (.not. job%stability .or. job%torus%n_axes > 1) return
     allocate (to%multipliers(6, n))
     associate (p => from%parameter(:n), points => from%x(:, :n))
@@ -379,7 +437,9 @@ contains
       call find_orbit_crossings(floquet, self%balance, p, points, to%multipliers, from%folds, &
                                 from%branch_points, to%crossings)
     end associate
+    call self%judge_crossings(job, from, to%crossings, status)
     to%crossings%p = to%crossings%p*self%unit
+    to%crossings%error = to%crossings%error*self%unit
   end subroutine keep
 
   !> A row a point.
@@ -398,6 +458,9 @@ contains
     call note_folds(table, 'branch', curve_outcomes(branch%outcome), varies, branch%folds, &
                     branch%fold_errors)
     call table%note('branch points at '//varies//' ='//listed(branch%branch_points))
+    if (size(branch%branch_points) > 0) then
+      call table%note('estimated errors of these branch points:'//listed(branch%branch_errors))
+    end if
     call table%add_reals(varies, branch%parameter)
     do i = 1, self%torus%n_axes
       call table%add_reals('omega_'//show(i), branch%base(i, :))

@@ -45,6 +45,7 @@ module viscovib_balance_ladder
     procedure :: prepare
     procedure :: prepare_probe
     procedure :: far_probe
+    procedure :: far_rung
     procedure :: forget
   end type balance_ladder_type
 
@@ -212,11 +213,22 @@ contains
     type(load_type), intent(in) :: load
     real(wp), intent(in) :: nu
     type(rung_type), intent(out) :: probe
-    integer :: twice
-    twice = rung + self%highest(rung)/self%step + 1
-    call make_ready(self, probe, max(self%probe_of(rung), twice), system, load, nu)
+    call self%far_rung(rung, system, load, nu, probe)
     call make_judge(self, probe, rung, system, nu)
   end subroutine far_probe
+
+  !> The same to solve on.
+  subroutine far_rung(self, rung, system, load, nu, far)
+    class(balance_ladder_type), intent(in) :: self
+    integer, intent(in) :: rung
+    class(oscillator_type), intent(in) :: system
+    type(load_type), intent(in) :: load
+    real(wp), intent(in) :: nu
+    type(rung_type), intent(out) :: far
+    integer :: twice
+    twice = rung + self%highest(rung)/self%step + 1
+    call make_ready(self, far, max(self%probe_of(rung), twice), system, load, nu)
+  end subroutine far_rung
 
   subroutine make_judge(self, here, rung, system, nu)
     class(balance_ladder_type), intent(in) :: self

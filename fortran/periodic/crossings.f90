@@ -1,14 +1,19 @@
 !> Where stability changes along a branch of an oscillator, and what is crossed there.
 module viscovib_crossings
   use viscovib_constants, only: pi
+  use viscovib_crossing_errors, only: exponent_error
   use viscovib_crossing_nodes, only: spectrum_type
   use viscovib_crossing_search, only: crossing_branch_point, crossing_doubling, crossing_fold, &
-    crossing_pair, crossing_symmetry, crossing_type, find_changes
+    crossing_pair, crossing_symmetry, crossing_type, find_changes, unknown
   use viscovib_curve, only: curve_type
   use viscovib_curve_events, only: special_points
+  use viscovib_jump_maps, only: may_jump
   use viscovib_kinds, only: wp
+  use viscovib_kinked_motion, only: is_kinked
   use viscovib_motion_stability, only: circle, judge_type, new_judge, stability_type
   use viscovib_oscillator_curve, only: oscillator_curve_type, vary_frequency
+  use viscovib_sized_curve, only: refitted
+  use viscovib_stopping, only: given_up
   implicit none
   private
 
@@ -19,6 +24,11 @@ module viscovib_crossings
   character(len=*), parameter, public :: crossing_names(5) = &
     [character(len=17) :: 'fold', 'branch point', 'symmetry breaking', 'period doubling', &
      'Neimark-Sacker']
+
+  !> Error of exponents by monodromy matrices (`viscovib_floquet`).
+  real(wp), parameter :: noise = 1.0e-11_wp
+  !> How far places are off beside what twice the orders tell, where orders fall off as powers.
+  real(wp), parameter :: beside_kinks = 1.3_wp, beside_jumps = 2.0_wp
 
   !> Exponents of motions, and of their half-wave halves under that symmetry.
   type, extends(spectrum_type) :: motion_spectrum
@@ -61,6 +71,7 @@ contains
     spectrum%complete = judge%complete
     if (judge%complete) then
       spectrum%threshold = log(1.0_wp + circle)*merge(0.5_wp, 1.0_wp, spectrum%half_wave)
+      spectrum%noise = noise
     end if
     do i = 1, size(p)
       eta(:, i) = scaled(stability%exponents(:, i), 1.0_wp/spectrum%unit(curve, p(i)))
@@ -69,7 +80,48 @@ contains
     call find_changes(curve, spectrum, p, x, eta, stability%n_growing, folds, branch_points, &
                       crossings, cancel)
     curve%balance%load_factor = load_factor
+    call find_errors(spectrum, curve, p, x, crossings, cancel)
+    curve%balance%load_factor = load_factor
   end subroutine find_crossings
+
+  !> How far off places are that the continuation has not located: by twice the orders.
+  subroutine find_errors(spectrum, curve, p, x, crossings, cancel)
+    type(motion_spectrum), intent(inout) :: spectrum
+    class(oscillator_curve_type), intent(inout) :: curve
+    real(wp), intent(in) :: p(:), x(:, :)
+    type(crossing_type), intent(inout) :: crossings(:)
+    integer, intent(inout), optional :: cancel
+    type(judge_type), target :: judge
+    real(wp), allocatable :: ends(:, :)
+    real(wp) :: tail
+    integer :: i, j
+
+    if (.not. any(wanted(crossings))) return
+    tail = 1.0_wp
+    if (is_kinked(curve%system)) tail = beside_kinks
+    if (may_jump(curve%system)) tail = beside_jumps
+    call curve%enlarge()
+    call new_judge(judge, curve%system, curve%balance%set)
+    spectrum%judge => judge
+    do i = 1, size(crossings)
+      if (given_up(cancel)) exit
+      associate (c => crossings(i))
+        if (.not. wanted(c)) cycle
+        ends = reshape([(refitted(curve%blocks, x(:, c%before + j), curve%n), j=0, 1)], &
+                       [curve%n, 2])
+        call exponent_error(curve, spectrum, p(c%before:c%before + 1), ends, c%p, &
+                            refitted(curve%blocks, c%x, curve%n), c%eta, c%error, cancel)
+        c%error = tail*c%error
+      end associate
+    end do
+    call curve%restore()
+  end subroutine find_errors
+
+  !> Whether a crossing has a place, of which the error is not known yet.
+  elemental logical function wanted(crossing)
+    type(crossing_type), intent(in) :: crossing
+    wanted = crossing%located .and. .not. crossing%error > unknown
+  end function wanted
 
   !> The exponent (1/s) of a multiplier e.
   real(wp) function unit(self, curve, p)

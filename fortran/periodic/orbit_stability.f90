@@ -12,7 +12,7 @@ module viscovib_orbit_stability
   implicit none
   private
 
-  public :: judge_orbits, find_orbit_crossings
+  public :: judge_orbits, find_orbit_crossings, orbit_spectrum
 
   !> Multipliers this close to the unit circle count as on it.
   real(wp), parameter, public :: orbit_circle = 1.0_wp + 1.0e-9_wp

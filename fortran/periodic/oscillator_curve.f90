@@ -42,6 +42,8 @@ module viscovib_oscillator_curve
     !> Of the motion just looked at (`share_of_motion`).
     real(wp), private :: share = 1.0_wp
     integer, private :: vain = 0
+    !> The balance of the orders kept while the curve is one of more.
+    type(balance_type), allocatable, private :: usual
   contains
     procedure :: equations
     procedure :: residual
@@ -49,6 +51,8 @@ module viscovib_oscillator_curve
     procedure :: set
     procedure :: choose_from
     procedure :: stay_with
+    procedure :: enlarge
+    procedure :: restore
     procedure :: left_out
     procedure :: choose_size
     procedure :: resize
@@ -116,6 +120,24 @@ contains
     call self%resize()
     self%adaptive = .false.
   end subroutine stay_with
+
+  !> Be the curve of twice the orders, or more, until it is restored.
+  subroutine enlarge(self)
+    class(oscillator_curve_type), intent(inout) :: self
+    type(rung_type) :: far
+    call self%ladder%far_rung(self%rung, self%system, self%load, self%balance%nu, far)
+    far%balance%load_factor = self%balance%load_factor
+    self%usual = self%balance
+    self%balance = far%balance
+    call measure(self)
+  end subroutine enlarge
+
+  subroutine restore(self)
+    class(oscillator_curve_type), intent(inout) :: self
+    self%balance = self%usual
+    deallocate (self%usual)
+    call measure(self)
+  end subroutine restore
 
   !> Set the balance to a value of the parameter, unless that is out of range.
   subroutine set(self, p, inside)

@@ -2,6 +2,7 @@
 !! a parameter on, with the orders given or as many as each point needs.
 module viscovib_response_branch
   use viscovib_balance_ladder, only: balance_ladder_type, new_ladder, one_rung
+  use viscovib_crossing_errors, only: branch_point_error
   use viscovib_curve_branch, only: curve_branch_type, curve_options, follow_curve
   use viscovib_curve_events, only: special_points
   use viscovib_damped_start, only: point_from_damping
@@ -14,7 +15,7 @@ module viscovib_response_branch
   use viscovib_outcomes, only: outcome_converged, outcome_stalled
   use viscovib_response_plan, only: response_plan_type
   use viscovib_sized_curve, only: refitted
-  use viscovib_stopping, only: is_set
+  use viscovib_stopping, only: given_up, is_set
   implicit none
   private
 
@@ -112,7 +113,10 @@ contains
     call branch%doubt_beside_folds([(curve%system%mass(i, i), i=1, curve%blocks)])
     ! Where the first point could not be corrected there is no branch.
     if (outcome == outcome_converged .and. branch%n_points == 0) outcome = outcome_stalled
-    if (outcome == outcome_converged) call keep_used(curve, branch)
+    if (outcome == outcome_converged) then
+      call keep_used(curve, branch)
+      call find_errors(curve, branch, cancel)
+    end if
     branch%allowed = [(ladder%allowed(options%tolerance, size_of(branch%x(:, i))), &
                        i=1, branch%n_points)]
     set = curve%balance%set
@@ -164,6 +168,30 @@ contains
       if (2*ladder%n_orders(rung) >= last) exit
     end do
   end function rung_with
+
+  !> How far off branch points are: by twice the orders.
+  subroutine find_errors(curve, branch, cancel)
+    class(oscillator_curve_type), intent(inout) :: curve
+    type(curve_branch_type), intent(inout) :: branch
+    integer, intent(inout), optional :: cancel
+    real(wp), allocatable :: ends(:, :)
+    integer :: first, i, j
+
+    if (branch%branch_points%n == 0 .or. branch%n_points < 2) return
+    call curve%enlarge()
+    associate (points => branch%branch_points)
+      do i = 1, points%n
+        if (given_up(cancel)) exit
+        first = max(1, min(points%before(i), branch%n_points - 1))
+        ends = reshape([(refitted(curve%blocks, branch%x(:, first + j), curve%n), j=0, 1)], &
+                       [curve%n, 2])
+        call branch_point_error(curve, branch%parameter(first:first + 1), ends, points%p(i), &
+                                refitted(curve%blocks, points%x(:, i), curve%n), points%error(i), &
+                                cancel)
+      end do
+    end associate
+    call curve%restore()
+  end subroutine find_errors
 
   !> Unknowns of the highest orders that any point has kept.
   subroutine keep_used(curve, branch)

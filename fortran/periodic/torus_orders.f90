@@ -57,6 +57,7 @@ module viscovib_torus_orders
     procedure :: prepare
     procedure :: cropped
     procedure :: padded
+    procedure :: lifted
     procedure, private :: judge
     procedure, private :: enough
     procedure, private :: next_bound
@@ -137,6 +138,18 @@ contains
       y = reshape(whole, [n])
     end associate
   end function padded
+
+  !> Unknowns of the rung that judges the last one, from those of the last one in full; both are
+  !! prepared. The shells that are new are 0.
+  pure function lifted(self, whole) result(x)
+    class(torus_ladder), intent(in) :: self
+    real(wp), intent(in) :: whole(:)
+    real(wp), allocatable :: x(:)
+    integer :: n
+    n = (2*self%n_orders(self%last + self%step) - 1)*self%system%n_dof
+    x = self%cropped(self%last + self%step, &
+                     self%padded(self%last, self%cropped(self%last, whole), n))
+  end function lifted
 
   !> Each value starts from the ones before, else from rest; the first may have a guess.
   subroutine torus_responses(ladder, p, tolerance, guess, x, outcome, iterations, highest, &
@@ -334,7 +347,7 @@ contains
     type(curve_step) :: newton
     real(wp), allocatable :: chord(:)
     real(wp) :: of_x
-    integer :: i, from, to, n
+    integer :: i, from, to
 
     moved = 0.0_wp
     call set_ok(status)
@@ -342,7 +355,6 @@ contains
     call ladder%prepare(ladder%last, status)
     if (.not. status%failed()) call ladder%prepare(ladder%last + ladder%step, status)
     if (status%failed()) return
-    n = (2*ladder%n_orders(ladder%last + ladder%step) - 1)*ladder%system%n_dof
     associate (balance => ladder%rungs(ladder%last + ladder%step)%balance)
       call new_curve_step(newton, balance)
       do i = 1, size(fold_p)
@@ -351,23 +363,10 @@ contains
         end if
         from = max(1, before(i))
         to = min(size(p), before(i) + 1)
-        chord = [beyond(x(:, to)) - beyond(x(:, from)), p(to) - p(from)]
-        call newton%find(balance, fold_p(i), beyond(fold_x(:, i)), chord, of_x, moved(i))
+        chord = [ladder%lifted(x(:, to)) - ladder%lifted(x(:, from)), p(to) - p(from)]
+        call newton%find(balance, fold_p(i), ladder%lifted(fold_x(:, i)), chord, of_x, moved(i))
       end do
     end associate
-
-  contains
-
-    !> Unknowns with the next shells, which are 0.
-    pure function beyond(whole) result(unknowns)
-      real(wp), intent(in) :: whole(:)
-      real(wp), allocatable :: unknowns(:)
-      associate (last => ladder%last)
-        unknowns = ladder%cropped(last + ladder%step, &
-                                  ladder%padded(last, ladder%cropped(last, whole), n))
-      end associate
-    end function beyond
-
   end subroutine fold_truncation
 
   !> The largest of the outermost shells against the largest of all.

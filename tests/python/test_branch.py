@@ -294,9 +294,11 @@ def test_table_dataset_and_picture(tmp_path):
     assert [float(e) for e in told] == branch.fold_errors.tolist()
     assert branch.to_dataset().attrs["fold_errors"].tolist() == branch.fold_errors.tolist()
     assert head[3] == f"# stability changes after point {place}"
-    assert head[6].startswith("nu,stable,growing,multiplier,highest,truncation,error,x_1_re")
-    assert "error: of the last correction and rounding" in head[5]
-    rows = [line.split(",") for line in head[6:]]
+    told = head[5].removeprefix("# estimated errors of these changes: ").split()
+    assert [float(e) for e in told] == [c.error for c in branch.crossings]
+    assert head[7].startswith("nu,stable,growing,multiplier,highest,truncation,error,x_1_re")
+    assert "error: of the last correction and rounding" in head[6]
+    rows = [line.split(",") for line in head[7:]]
     errors = [float(row[rows[0].index("error")]) for row in rows[1:]]
     assert errors == branch.error.tolist() == branch.to_dataset().error.to_numpy().tolist()
     assert branch.to_dataset().coefficients.shape == branch.coefficients.shape

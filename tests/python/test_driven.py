@@ -370,8 +370,8 @@ def test_table_dataset_and_picture(tmp_path):
     place = f"{first.before + 1}: fold at {branch.varies} = {first.parameter:.16e}"
     assert lines[2].startswith("# estimated errors of these folds: ")
     assert lines[4] == f"# stability changes after point {place}"
-    assert lines[7].startswith(f"{branch.varies},omega_1,stable,growing,multiplier,error,z_0_re")
-    assert len(lines) == 8 + branch.parameter.size
+    assert lines[8].startswith(f"{branch.varies},omega_1,stable,growing,multiplier,error,z_0_re")
+    assert len(lines) == 9 + branch.parameter.size
     assert branch.to_dataset().coefficients.shape == branch.coefficients.shape
     axes = vv.plot_branch(branch)
     assert axes[1].get_ylabel().startswith("amplitude")

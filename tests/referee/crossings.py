@@ -37,6 +37,36 @@ def told_by_crossings(branch):
         yield Claim("every fold is a crossing", told, len(branch.folds))
 
 
+def places_of_more(branch, more):
+    """Places that more orders have next to them are as far off as told."""
+    for found, true in (
+        (branch.crossings, more.crossings),
+        (branch.branch_points, more.branch_points),
+    ):
+        for one in found:
+            kind = getattr(one, "kind", "branch leaves")
+            if one.parameter is None or not one.error < 1e-3:
+                continue
+            beside = [c for c in true if getattr(c, "kind", kind) == kind and c.parameter]
+            m = one.coefficients.shape[1]
+            beside = [
+                c
+                for c in beside
+                if np.abs(c.coefficients[:, :m] - one.coefficients).max()
+                < 0.05 * np.abs(one.coefficients).max()
+            ]
+            if not beside:
+                continue
+            nearest = min(beside, key=lambda c, p=one.parameter: abs(c.parameter - p))
+            yield Claim(
+                f"place of a {kind}",
+                one.parameter,
+                nearest.parameter,
+                1.5 * (one.error + nearest.error),
+                damage=1e-2,
+            )
+
+
 def case(rng, index):
     """Draw a branch whose stability is judged."""
     memory = some_prony(rng) if index % 3 == 2 else None
@@ -69,9 +99,11 @@ def case(rng, index):
     same = f"{where}, load={{{order}: {load[order].tolist()}}}, harmonics=13, symmetric={symmetric}"
     # Many small steps with memory take long.
     refined = f"vv.trace_response(system, {same}, max_points=4000, max_step=0.02)"
+    more = f"vv.trace_response(system, {same.replace('harmonics=13', 'harmonics=33')})"
     call = f"""system = {model.source}
 branch = vv.trace_response(system, {same}, max_points=600)
 refined = {refined if memory is None or index % 12 == 2 else None}
+more = {more if memory is None or index % 12 == 5 else None}
 """
     draw = np.random.default_rng(index)
 
@@ -101,6 +133,8 @@ refined = {refined if memory is None or index % 12 == 2 else None}
                     "multipliers", got[0], sizes[0], 1e-7 * sizes[0] + 10 * off[0], damage=1e-4
                 )
         yield from told_by_crossings(branch)
+        if names["more"] is not None:
+            yield from places_of_more(branch, names["more"])
         refined = names["refined"]
         # Smaller steps see the same; few orders let places of folds and exponents part.
         if refined is not None and refined.growing is not None:

@@ -261,6 +261,7 @@ class DrivenBranch(PeriodicMotions, Curve):
                 "folds": self.folds,
                 "fold_errors": self.fold_errors,
                 "branch_points": [point.parameter for point in self.branch_points],
+                "branch_point_errors": [point.error for point in self.branch_points],
                 "plan": str(self.plan),
             },
         )
@@ -268,7 +269,12 @@ class DrivenBranch(PeriodicMotions, Curve):
     def _table(self, coordinates: Sequence[str] | None) -> Table:
         notes = branch_notes(self)
         places = listed(point.parameter for point in self.branch_points)
-        notes.insert(2 if self.folds.size else 1, f"branch points at {self.varies} ={places}")
+        told = [f"branch points at {self.varies} ={places}"]
+        if self.branch_points:
+            off = listed(point.error for point in self.branch_points)
+            told.append(f"estimated errors of these branch points:{off}")
+        first = 2 if self.folds.size else 1
+        notes[first:first] = told
         table = Table(notes, {self.varies: self.parameter})
         table.columns |= {f"omega_{j + 1}": self.base[:, j] for j in range(len(self.axes))}
         note = "q = Im sum_k X_k exp(i k.omega t) of z, phi (rad), psi (rad)"
@@ -368,6 +374,38 @@ class _Way:
             bound, torus.shells, torus.largest(_FEWER) if auto else bound, cancel,
         )  # fmt: skip
         return _Pass(orders, bound, job, unit, found, worst, moved, next_bound)
+
+    def place_errors(self, last: _Pass) -> tuple[FloatArray, FloatArray]:
+        """How far off branch points and crossings are, as the core has them."""
+        torus, found, room = self.torus, last.found, MAX_SPECIAL
+        n_points, p, x = found[0], found[2], found[6]
+        n_folds, folds, fold_errors, _, fold_x = found[12:17]
+        n_branch, branch_p, branch_x, _, branch_before = found[17:22]
+        n_crossings, _, before, where, known, turns, crossed_x = found[22:29]
+        n, step = min(n_crossings, room), torus.shells
+        lost = np.isnan(where)
+        if torus.n_axes == 1:
+            # What orders left out do has signs: those next to the ones kept may cancel.
+            step = max(step, min(last.bound, torus.largest() - last.bound) // step * step)
+        job, _ = self._job(torus.lattice(last.bound + step))
+        cancel = np.zeros(1, dtype=np.intc)
+        of_points, of_crossings = _native.call_interruptibly(
+            core.pendulum_place_errors, cancel, *job, p[:n_points],
+            np.asfortranarray(x[:, :n_points]), n_branch, branch_p, branch_x, branch_before,
+            n, np.where(lost, 0.0, where), crossed_x, before, turns, np.where(lost, 0.0, known),
+            last.bound, step, cancel,
+        )  # fmt: skip
+        # Those that the continuation has located have the errors of these.
+        located = (
+            (folds[:n_folds], fold_x[:, :n_folds], fold_errors + last.moved),
+            (branch_p[:n_branch], branch_x[:, :n_branch], of_points),
+        )
+        for i in np.flatnonzero(known[:n] >= 0):
+            for places, motions, errors in located:
+                same = (places == where[i]) & (motions == crossed_x[:, [i]]).all(axis=0)
+                if same.any():
+                    of_crossings[i] = errors[same.argmax()]
+        return of_points, of_crossings
 
     def _job(self, orders: IntArray) -> tuple[tuple[Any, ...], float]:
         """What the core takes of the system with these orders, and units of what varies."""
@@ -470,8 +508,9 @@ def _branch(way: _Way, last: _Pass, plan: Plan) -> DrivenBranch:
     (
         n_points, ended, p, iterations, error, off, x, is_stop, multipliers_found, found, rates,
         rates_off, n_folds, folds, fold_errors, _, fold_x, n_branch, branch_p, branch_x, across,
-        before, n_crossings, kinds, crossed_after, crossed_at, crossed_x,
+        before, n_crossings, kinds, crossed_after, crossed_at, _, _, crossed_x,
     ) = last.found  # fmt: skip
+    branch_errors, crossing_errors = way.place_errors(last)
     torus, unit = way.torus, last.unit
     multipliers, stable, growing, growth, growth_error = None, None, None, None, None
     if way.span and torus.n_axes > 1:
@@ -503,6 +542,7 @@ def _branch(way: _Way, last: _Pass, plan: Plan) -> DrivenBranch:
         fold_coefficients=complex_coefficients(fold_x[:, :n_folds]),
         branch_points=located_branch_points(
             branch_p[:n_branch] * unit,
+            branch_errors * unit,
             complex_coefficients(branch_x[:, :n_branch]),
             before,
             complex_coefficients(across[:-1, :n_branch]),
@@ -510,7 +550,7 @@ def _branch(way: _Way, last: _Pass, plan: Plan) -> DrivenBranch:
             across,
         ),
         crossings=located_crossings(
-            (n_crossings, kinds, crossed_after, crossed_at * unit),
+            (n_crossings, kinds, crossed_after, crossed_at * unit, crossing_errors * unit),
             complex_coefficients(crossed_x[:, :n_crossings]),
             None if growing is None else growing < 0,
         ),

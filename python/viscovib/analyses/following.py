@@ -288,10 +288,9 @@ def _branch(
     """Give what the core found its names and units."""
     (
         n, ended, n_used, p, iterations, error, off, kept, truncation, missed, coefficients,
-        is_stop, n_folds, folds, fold_errors, fold_coefficients, n_branch, branch_p, branch_x,
-        across, branch_before, judged, growing, multipliers, exponents, n_crossings, kinds,
-        before, where,
-        crossing_coefficients, allowed,
+        is_stop, n_folds, folds, fold_errors, fold_coefficients, n_branch, branch_p, branch_errors,
+        branch_x, across, branch_before, judged, growing, multipliers, exponents, n_crossings,
+        kinds, before, where, crossing_errors, crossing_coefficients, allowed,
     ) = found  # fmt: skip
     system, way, view, orders = shown.system, shown.way, shown.view, shown.orders
     stability: Stability | None = None
@@ -323,6 +322,7 @@ def _branch(
         fold_coefficients=at_folds,
         branch_points=located_branch_points(
             places,
+            branch_errors,
             shown.motions(_complex(branch_x[:, :n_branch], *size)[:n_used], places),
             branch_before,
             shown.directions(_complex(across[:-1, :n_branch], *size)[:n_used], places),
@@ -330,7 +330,7 @@ def _branch(
             across,
         ),
         crossings=located_crossings(
-            (n_crossings, kinds, before, where),
+            (n_crossings, kinds, before, where, crossing_errors),
             shown.motions(crossing_coefficients[:n_used, :, :n_crossings], crossed),
             judged[:n] < 0,
         ),

@@ -16,7 +16,7 @@ from viscovib import _native
 from viscovib._native import FloatArray
 from viscovib.analyses.accuracy import Accuracy
 from viscovib.analyses.following import _Way
-from viscovib.analyses.motion_crossings import events
+from viscovib.analyses.motion_crossings import errors_of, events
 from viscovib.analyses.motion_path import MotionPath, MotionPoint
 from viscovib.analyses.period_map import PeriodMap
 from viscovib.analyses.shooting import (
@@ -255,19 +255,25 @@ def _branch(
         lows.append(low)
         highs.append(high)
     folds, grazings, crossings, marks = [], [], [], []
+    fold_errors, grazing_errors = [], []
     for i, (before, behind) in enumerate(pairwise(points)):
         blur = max(one.multiplier_error for one in refined[i : i + 2])
         sure = None not in (refined[i].stable, refined[i + 1].stable)
-        for event in events(path, before, behind, blur):
+        found = events(path, before, behind, blur)
+        for event, off in zip(found, errors_of(path, before, behind, blur, found), strict=True):
             place = None if event.point is None else float(event.point.z[-1] * units[-1])
+            error = float(off * units[-1])
             if event.point is not None and place is not None:
                 marks.append((event.kind, place, path.reach(event.point)[1]))
             if event.kind == "fold":
                 folds.append(np.nan if place is None else place)
+                fold_errors.append(error)
             if event.kind == "grazing":
                 grazings.append(np.nan if place is None else place)
+                grazing_errors.append(error)
             else:
-                crossings.append(Crossing(event.kind, i, place, sure=sure))
+                told = None if place is None else error
+                crossings.append(Crossing(event.kind, i, place, sure=sure, error=told))
     makers = [
         partial(motion_of, system, path.at(float(p)), one)
         for p, one in zip(values, refined, strict=True)
@@ -284,7 +290,9 @@ def _branch(
         passages=np.array([point.passed for point in points], dtype=np.int64),
         error=np.array([one.error for one in refined]),
         folds=np.array(folds),
+        fold_errors=np.array(fold_errors),
         grazings=np.array(grazings),
+        grazing_errors=np.array(grazing_errors),
         crossings=tuple(crossings),
         outcome=outcome,
         n_periods=n_periods,

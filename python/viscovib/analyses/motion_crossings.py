@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -74,6 +75,37 @@ class Event(NamedTuple):
     kind: str
     part: float
     point: MotionPoint | None
+
+
+def errors_of(
+    path: MotionPath, one: MotionPoint, other: MotionPoint, blur: float, found: list[Event]
+) -> list[float]:
+    """How far off the places of events are, as a part of the range: by other steps.
+
+    inf: other steps do not have them; NaN: the place is not found.
+    """
+    if not found:
+        return []
+    finer = replace(path, steps=2 * path.steps + 1)
+    ends = [finer.correct(point.z, point.tangent) for point in (one, other)]
+    others: list[Event] = []
+    if ends[0] is not None and ends[1] is not None:
+        others = events(finer, ends[0], ends[1], blur)
+    result = []
+    for event in found:
+        if event.point is None:
+            result.append(np.nan)
+            continue
+        place = float(event.point.z[-1])
+        beside = [
+            abs(float(e.point.z[-1]) - place)
+            for e in others
+            if e.kind == event.kind and e.point is not None
+        ]
+        # Ends differ by rounding, and by what Newton's method has left.
+        left = max(event.point.correction, float(np.finfo(float).eps) * abs(place))
+        result.append(min(beside, default=np.inf) + left)
+    return result
 
 
 def events(

@@ -35,7 +35,10 @@ class Crossing:
     "symmetry breaking", "period doubling" or "Neimark-Sacker"; ``before`` is the index of the last
     point before it. ``parameter`` and ``coefficients`` (shape (n_dof, m), not for the pendulum):
     where, and the motion there; None where that was not found. ``sure``: whether the stability of
-    both points beside it is known. Where it is not (``stable`` is None there), as harmonics are too
+    both points beside it is known. ``error``: how far off ``parameter`` may be, by harmonics left
+    out (a balance of twice the orders is asked for the same place), by the search and by rounding;
+    inf where twice the orders have no such place nearby, None where ``parameter`` is.
+    Where stability beside it is not known (``stable`` is None there), as harmonics are too
     few to tell it or a multiplier is too near to the unit circle, the crossing is one of the motion
     as it is: the whole motion may change its stability elsewhere, or in another way.
 
@@ -60,10 +63,13 @@ class Crossing:
     parameter: float | None = None
     coefficients: ComplexArray | None = field(default=None, compare=False, repr=False)
     sure: bool = True
+    error: float | None = None
 
     def __str__(self) -> str:
         """Say what changes where, with points counted from 1."""
         place = "" if self.parameter is None else f" at {self.parameter:.15g}"
+        if self.error is not None:
+            place += f" (error {self.error:.1e})"
         unsure = "" if self.sure else " (not sure: stability beside it is unknown)"
         return f"stability changes after point {self.before + 1}: {self.kind}{place}{unsure}"
 
@@ -71,10 +77,12 @@ class Crossing:
 def crossing_variables(crossings: Sequence[Crossing]) -> dict[str, Any]:
     """Crossings as variables of a Dataset, without their motions; NaN: place not found."""
     places = [np.nan if one.parameter is None else one.parameter for one in crossings]
+    errors = [np.nan if one.error is None else one.error for one in crossings]
     return {
         "crossing_kind": ("crossing", np.array([one.kind for one in crossings], dtype="U17")),
         "crossing_before": ("crossing", np.array([one.before for one in crossings], dtype=int)),
         "crossing_parameter": ("crossing", np.array(places, dtype=float)),
+        "crossing_error": ("crossing", np.array(errors, dtype=float)),
         "crossing_sure": ("crossing", np.array([one.sure for one in crossings], dtype=bool)),
     }
 
@@ -83,6 +91,7 @@ def crossing_variables(crossings: Sequence[Crossing]) -> dict[str, Any]:
 class BranchPoint(Value):
     """Where another branch leaves: value of what varies, X_k there, last point before.
 
+    ``error`` is how far off the value may be, as that of a `Crossing`.
     ``across`` is the direction of the other branch in X_k, found where the derivatives are
     singular; the other branch leads off both ways.
 
@@ -103,6 +112,7 @@ class BranchPoint(Value):
     coefficients: ComplexArray
     before: int
     across: ComplexArray
+    error: float
     #: The same as unknowns of the core, and direction with that of the parameter.
     _unknowns: FloatArray
     _direction: FloatArray
@@ -314,6 +324,7 @@ def warn_of_rounding(off: FloatArray, tolerance: float, allowed: FloatArray | No
 def branch_notes(branch: Any) -> list[str]:
     """Lines of a table: how the branch ended, where it turns back and where stability changes."""
     at = branch.varies
+    errors = (np.nan if one.error is None else one.error for one in branch.crossings)
     return [
         *fold_notes("branch", branch),
         *(
@@ -325,6 +336,7 @@ def branch_notes(branch: Any) -> list[str]:
             )
             for crossing in branch.crossings
         ),
+        *([f"estimated errors of these changes:{listed(errors)}"] if branch.crossings else []),
     ]
 
 
@@ -347,16 +359,16 @@ def largest_panels(curve: Any, x: FloatArray, x_label: str) -> list[Panel]:
 
 
 def located_crossings(
-    found: tuple[int, npt.NDArray[np.int32], npt.NDArray[np.int32], FloatArray],
+    found: tuple[int, npt.NDArray[np.int32], npt.NDArray[np.int32], FloatArray, FloatArray],
     motions: ComplexArray,
     unknown: npt.NDArray[np.bool_] | None = None,
 ) -> tuple[Crossing, ...]:
-    """Changes of stability: their number, kinds, points before (from 1) and places, NaN if none.
+    """Changes of stability: number, kinds, points before (from 1), places, NaN if none, and errors.
 
     ``motions``: X_k there, shape (at least as many as are given, n_dof, m). ``unknown``: of each
     point, whether its stability is.
     """
-    n, kinds, before, where = found
+    n, kinds, before, where, errors = found
     if n > MAX_SPECIAL:
         warnings.warn(
             f"stability changes {n} times: the first {MAX_SPECIAL} changes are given",
@@ -368,20 +380,22 @@ def located_crossings(
         last = int(before[i]) - 1
         lost = np.isnan(where[i])
         place, motion = (None, None) if lost else (float(where[i]), motions[i])
+        error = None if lost else float(errors[i])
         sure = unknown is None or not unknown[last : last + 2].any()
-        crossings.append(Crossing(CROSSINGS[kinds[i] - 1], last, place, motion, sure))
+        crossings.append(Crossing(CROSSINGS[kinds[i] - 1], last, place, motion, sure, error))
     return tuple(crossings)
 
 
 def located_branch_points(
     places: FloatArray,
+    errors: FloatArray,
     motions: ComplexArray,
     before: npt.NDArray[np.int32],
     directions: ComplexArray,
     unknowns: FloatArray,
     across: FloatArray,
 ) -> tuple[BranchPoint, ...]:
-    """Branch points: values of what varies, X_k there, points before (from 1), other branches.
+    """Branch points: values of what varies, errors, X_k, points before (from 1), other branches.
 
     ``unknowns`` and ``across`` as the core has them, a column each.
     """
@@ -391,6 +405,7 @@ def located_branch_points(
             motions[i],
             int(before[i]) - 1,
             directions[i],
+            float(errors[i]),
             unknowns[:, i].copy(),
             across[:, i].copy(),
         )

@@ -50,6 +50,8 @@ class MotionBranch(Result):
         grazes. Located to rounding, which folds and multipliers beside them enlarge; nan where that
         fails, which a warning tells. At a rigid stop a branch has a corner where it grazes: a fold
         may be there, and a change of stability.
+    fold_errors, grazing_errors : ndarray
+        How far off these are, by other steps that end elsewhere: inf where these do not have them.
     crossings : tuple of Crossing
         Where stability changes: "fold", "branch point", "period doubling", "Neimark-Sacker".
     outcome : str
@@ -75,7 +77,9 @@ class MotionBranch(Result):
     passages: npt.NDArray[np.int64]
     error: FloatArray
     folds: FloatArray
+    fold_errors: FloatArray
     grazings: FloatArray
+    grazing_errors: FloatArray
     crossings: tuple[Crossing, ...]
     outcome: str
     n_periods: int
@@ -176,7 +180,9 @@ class MotionBranch(Result):
                 "error": ("point", self.error),
                 "parameter": ("point", self.parameter),
                 "folds": ("fold", self.folds),
+                "fold_errors": ("fold", self.fold_errors),
                 "grazings": ("grazing", self.grazings),
+                "grazing_errors": ("grazing", self.grazing_errors),
                 **crossing_variables(self.crossings),
             },
             coords={

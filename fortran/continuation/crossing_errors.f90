@@ -1,0 +1,282 @@
+!> How far off places are where exponents of a curve's solutions cross the imaginary axis and
+!! where other branches leave: each is sought on the curve of more unknowns. That tells both what
+!! those left out change and how far from its place the search has ended; what rounding leaves of
+!! solutions and exponents is added.
+!!
+!! At the place itself the equations may be singular. So what vanishes there, the real part of the
+!! exponent or the determinant of the bordered derivatives, is known at four points beside it,
+!! and its zero is that of the cubic through these.
+module viscovib_crossing_errors
+  use, intrinsic :: ieee_arithmetic, only: ieee_is_finite, ieee_positive_inf, ieee_value
+  use viscovib_chord, only: chord_point, chord_type, new_chord
+  use viscovib_crossing_nodes, only: spectrum_type
+  use viscovib_curve, only: curve_type
+  use viscovib_dense, only: factorize
+  use viscovib_kinds, only: wp
+  use viscovib_stopping, only: given_up
+  implicit none
+  private
+
+  public :: exponent_error, branch_point_error
+
+  !> Where the points lie, in units of how far, and this, in sigma: one after the other.
+  integer, parameter :: n_nodes = 4
+  real(wp), parameter :: steps(n_nodes) = [-1.0_wp, 1.0_wp, 2.0_wp, -2.0_wp]
+  !> Where the equations are singular, and where they are not.
+  real(wp), parameter :: singular_reaches(3) = [1.0e-3_wp, 1.0e-2_wp, 1.0e-4_wp]
+  real(wp), parameter :: regular_reaches(3) = [1.0e-4_wp, 1.0e-3_wp, 1.0e-2_wp]
+  !> Exponents nearer to 0 belong to equations that are nearly singular.
+  real(wp), parameter :: nearly_nothing = 1.0e-3_wp
+  !> The zero of the cubic is good so many reaches away.
+  real(wp), parameter :: close = 3.0_wp
+  !> The place may be so far away, in sigma, and is looked for so often.
+  real(wp), parameter :: furthest = 2.0_wp
+  integer, parameter :: max_turns = 10
+  !> Change of a motion, relative, by which its effect on an exponent is measured.
+  real(wp), parameter :: nudge = 1.0e-5_wp
+  !> Of determinants beside a place, relative to those a reach away.
+  real(wp), parameter :: noise_of_determinants = 1.0e-9_wp
+
+  !> Takes the determinant of the bordered derivatives for an exponent.
+  type, extends(spectrum_type) :: determinant_type
+    type(chord_type) :: chord
+    logical :: referred = .false.
+    !> Logarithm of the first one, which is 1.
+    real(wp) :: reference = 0.0_wp
+  contains
+    procedure :: look
+    procedure :: follow
+  end type determinant_type
+
+contains
+
+  !> Of the place where an exponent crosses.
+  subroutine exponent_error(curve, spectrum, p, x, at_p, at_x, eta, error, cancel)
+    !> With more unknowns than the place was found with, and its exponents.
+    class(curve_type), intent(inout) :: curve
+    class(spectrum_type), intent(inout) :: spectrum
+    !> Neighbours of the place on the curve, shapes (2) and (n, 2), and the place; all in the
+    !! unknowns of this curve, shape (n).
+    real(wp), intent(in) :: p(2), x(:, :), at_p, at_x(:)
+    !> What crosses.
+    complex(wp), intent(in) :: eta
+    !> In the unit of p; infinite where no such place is found nearby.
+    real(wp), intent(out) :: error
+    !> May be set from elsewhere to give up.
+    integer, intent(inout), optional :: cancel
+    type(chord_type) :: chord
+    call new_chord(chord, curve, p, x)
+    call find_error(curve, spectrum, chord, p, x, at_p, at_x, eta, error, cancel)
+  end subroutine exponent_error
+
+  !> Of a branch point; arguments as above.
+  subroutine branch_point_error(curve, p, x, at_p, at_x, error, cancel)
+    class(curve_type), intent(inout) :: curve
+    real(wp), intent(in) :: p(2), x(:, :), at_p, at_x(:)
+    real(wp), intent(out) :: error
+    integer, intent(inout), optional :: cancel
+    type(determinant_type) :: spectrum
+    spectrum%n = 1
+    spectrum%noise = noise_of_determinants
+    call new_chord(spectrum%chord, curve, p, x)
+    call find_error(curve, spectrum, spectrum%chord, p, x, at_p, at_x, (0.0_wp, 0.0_wp), error, &
+                    cancel)
+  end subroutine branch_point_error
+
+  subroutine find_error(curve, spectrum, chord, p, x, at_p, at_x, eta, error, cancel)
+    class(curve_type), intent(inout) :: curve
+    class(spectrum_type), intent(inout) :: spectrum
+    type(chord_type), intent(in) :: chord
+    real(wp), intent(in) :: p(2), x(:, :), at_p, at_x(:)
+    complex(wp), intent(in) :: eta
+    real(wp), intent(out) :: error
+    integer, intent(inout), optional :: cancel
+    type(chord_point) :: here, there, nodes(n_nodes)
+    complex(wp) :: last, values(n_nodes)
+    real(wp) :: reaches(3), centre, reach, off, slope, by_p, growth, growths(n_nodes)
+    logical :: made
+    integer :: turn, k, try
+
+    error = ieee_value(error, ieee_positive_inf)
+    here%sigma = chord%sigma_of(at_p, at_x)
+    here%p = at_p
+    here%x = at_x
+    ! The end that is further away.
+    k = merge(1, 2, here%sigma > 0.5_wp)
+    there%sigma = k - 1.0_wp
+    there%p = p(k)
+    there%x = x(:, k)
+    centre = here%sigma
+    last = eta
+    reaches = regular_reaches
+    if (abs(eta) < nearly_nothing) reaches = singular_reaches
+    try = 1
+    turn = 0
+    do while (turn < max_turns)
+      if (given_up(cancel)) return
+      turn = turn + 1
+      reach = reaches(try)
+      do k = 1, n_nodes
+        call chord%go_to(curve, centre + steps(k)*reach, here, there, nodes(k), made)
+        if (made) call exponent_at(curve, spectrum, nodes(k)%p, nodes(k)%x, last, values(k), &
+                                   growths(k), made)
+        if (.not. made) exit
+      end do
+      if (.not. made) then
+        try = try + 1
+        if (try > size(reaches)) return
+        cycle
+      end if
+      off = zero_of(nodes%sigma, real(values)) - centre
+      if (.not. abs(off) < huge(off)) return
+      if (abs(off) <= close*reach) exit
+      centre = centre + sign(min(abs(off), 0.5_wp), off)
+      if (abs(centre - chord%sigma_of(at_p, at_x)) > furthest) return
+      last = values(2)
+      here = nodes(1)
+      there = nodes(3)
+    end do
+    if (turn >= max_turns) return
+    associate (s => nodes%sigma, v => real(values))
+      by_p = (nodes(2)%p - nodes(1)%p)/(s(2) - s(1))
+      slope = (v(2) - v(1))/(s(2) - s(1))
+      error = abs(cubic_at(centre + off, s, differences(s, nodes%p)) - at_p)
+    end associate
+    call exponent_at(curve, spectrum, nodes(2)%p, nodes(2)%x*(1.0_wp + nudge), values(2), last, &
+                     growth, made)
+    off = 0.0_wp
+    if (made) off = abs(real(last) - real(values(2)))/nudge*maxval(nodes%left)
+    off = (off + spectrum%noise*exp(max(0.0_wp, min(maxval(growths), 100.0_wp))))/abs(slope)
+    error = error + abs(by_p)*off + maxval(nodes%left_p) + epsilon(1.0_wp)*abs(at_p)
+  end subroutine find_error
+
+  !> The exponent nearest to another, and the largest real part of all.
+  subroutine exponent_at(curve, spectrum, p, x, near, eta, growth, made)
+    class(curve_type), intent(inout) :: curve
+    class(spectrum_type), intent(inout) :: spectrum
+    real(wp), intent(in) :: p, x(:)
+    complex(wp), intent(in) :: near
+    complex(wp), intent(out) :: eta
+    real(wp), intent(out) :: growth
+    logical, intent(out) :: made
+    complex(wp) :: all(spectrum%n), beside(spectrum%n)
+    integer :: n_growing, i
+
+    eta = near
+    growth = 0.0_wp
+    made = .false.
+    if (.not. spectrum%complete) call spectrum%follow(curve, p, x, near, eta, made)
+    if (made) return
+    beside = near
+    call spectrum%look(curve, p, x, beside, all, n_growing)
+    made = n_growing >= 0
+    if (.not. made) return
+    i = minloc(abs(all - near), 1, ieee_is_finite(real(all)))
+    made = i > 0
+    if (.not. made) return
+    eta = all(i)
+    if (spectrum%complete) growth = maxval(real(all), ieee_is_finite(real(all)))
+  end subroutine exponent_at
+
+  !> Divided differences of values v at places s.
+  pure function differences(s, v) result(d)
+    real(wp), intent(in) :: s(n_nodes), v(n_nodes)
+    real(wp) :: d(n_nodes)
+    integer :: i, k
+    d = v
+    do k = 1, n_nodes - 1
+      do i = n_nodes, k + 1, -1
+        d(i) = (d(i) - d(i - 1))/(s(i) - s(i - k))
+      end do
+    end do
+  end function differences
+
+  !> The polynomial of divided differences d, and its derivative.
+  pure real(wp) function cubic_at(at, s, d) result(value)
+    real(wp), intent(in) :: at, s(n_nodes), d(n_nodes)
+    integer :: k
+    value = d(n_nodes)
+    do k = n_nodes - 1, 1, -1
+      value = d(k) + (at - s(k))*value
+    end do
+  end function cubic_at
+
+  pure real(wp) function tilt_at(at, s, d) result(tilt)
+    real(wp), intent(in) :: at, s(n_nodes), d(n_nodes)
+    real(wp) :: value
+    integer :: k
+    value = d(n_nodes)
+    tilt = 0.0_wp
+    do k = n_nodes - 1, 1, -1
+      tilt = value + (at - s(k))*tilt
+      value = d(k) + (at - s(k))*value
+    end do
+  end function tilt_at
+
+  !> Where the cubic through values v at places s vanishes, next to where the line through the first
+  !! two does; `huge` where that is level.
+  pure real(wp) function zero_of(s, v) result(zero)
+    real(wp), intent(in) :: s(n_nodes), v(n_nodes)
+    real(wp) :: d(n_nodes), tilt
+    integer :: k
+
+    d = differences(s, v)
+    zero = huge(zero)
+    if (.not. abs(d(2)) > 0.0_wp) return
+    zero = s(1) - d(1)/d(2)
+    do k = 1, 4
+      tilt = tilt_at(zero, s, d)
+      if (.not. tilt*d(2) > 0.0_wp) return
+      zero = zero - cubic_at(zero, s, d)/tilt
+    end do
+  end function zero_of
+
+  subroutine look(self, curve, p, x, near, eta, n_growing)
+    class(determinant_type), intent(inout) :: self
+    class(curve_type), intent(inout) :: curve
+    real(wp), intent(in) :: p, x(:)
+    complex(wp), intent(in) :: near(:)
+    complex(wp), intent(out) :: eta(:)
+    integer, intent(out) :: n_growing
+    real(wp) :: matrix(size(x) + 1, size(x) + 1), r(size(x)), by_p(size(x)), logarithm
+    integer :: pivots(size(x) + 1), i, sign_of
+    logical :: inside, singular
+
+    eta = near
+    n_growing = -1
+    call curve%equations(x, p, r, matrix, by_p, inside)
+    if (.not. inside) return
+    call self%chord%border(by_p, matrix)
+    call factorize(size(x) + 1, matrix, pivots, singular)
+    n_growing = 0
+    eta(1) = (0.0_wp, 0.0_wp)
+    if (singular) return
+    logarithm = 0.0_wp
+    sign_of = 1
+    do i = 1, size(pivots)
+      if (pivots(i) /= i) sign_of = -sign_of
+      if (matrix(i, i) < 0.0_wp) sign_of = -sign_of
+      logarithm = logarithm + log(abs(matrix(i, i)))
+    end do
+    if (.not. self%referred) self%reference = logarithm
+    self%referred = .true.
+    eta(1) = sign_of*exp(max(-300.0_wp, min(300.0_wp, logarithm - self%reference)))
+  end subroutine look
+
+  !> Not needed: it is known as a whole.
+  subroutine follow(self, curve, p, x, near, eta, made)
+    class(determinant_type), intent(inout) :: self
+    class(curve_type), intent(inout) :: curve
+    real(wp), intent(in) :: p, x(:)
+    complex(wp), intent(in) :: near
+    complex(wp), intent(out) :: eta
+    logical, intent(out) :: made
+    complex(wp) :: all(1)
+    integer :: n
+
+    call self%look(curve, p, x, [near], all, n)
+    made = n >= 0
+    eta = all(1)
+  end subroutine follow
+
+end module viscovib_crossing_errors

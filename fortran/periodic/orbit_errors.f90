@@ -1,0 +1,115 @@
+!> How far off places along a branch of motions of a driven system are: where others leave, and
+!! where stability changes. Both are sought again with more shells of orders.
+module viscovib_orbit_errors
+  use viscovib_crossing_errors, only: branch_point_error, exponent_error
+  use viscovib_kinds, only: wp
+  use viscovib_orbit_floquet, only: orbit_floquet_type
+  use viscovib_orbit_stability, only: orbit_spectrum
+  use viscovib_status, only: set_ok, status_type
+  use viscovib_stopping, only: given_up
+  use viscovib_torus_orders, only: torus_ladder
+  implicit none
+  private
+
+  public :: find_branch_errors, find_crossing_errors, judging_twice
+
+contains
+
+  !> Shells beyond a bound that judge places: as many again of one axis, as what orders left out do
+  !! has signs, and those next to the ones kept may cancel.
+  pure integer function judging_twice(n_axes, shells, bound, most) result(step)
+    !> Shells that judge motions, and the largest bound there may be.
+    integer, intent(in) :: n_axes, shells, bound, most
+    step = shells
+    if (n_axes == 1) step = max(shells, min(bound, most - bound)/shells*shells)
+  end function judging_twice
+
+  !> Of branch points.
+  subroutine find_branch_errors(ladder, p, x, at_p, at_x, before, error, status, cancel)
+    !> The branch is one of its last rung.
+    type(torus_ladder), intent(inout) :: ladder
+    !> Points of the branch and places, unknowns in full: shapes (n), (torus%n n_dof, n).
+    real(wp), intent(in) :: p(:), x(:, :), at_p(:), at_x(:, :)
+    !> The point before each place, from 1.
+    integer, intent(in) :: before(:)
+    !> In the unit of p, shape (size(at_p)).
+    real(wp), intent(out) :: error(:)
+    type(status_type), intent(out) :: status
+    integer, intent(inout), optional :: cancel
+    real(wp), allocatable :: ends(:, :)
+    integer :: first, i
+
+    error = 0.0_wp
+    call set_ok(status)
+    if (size(at_p) == 0 .or. size(p) < 2) return
+    call make_ready(ladder, status)
+    if (status%failed()) return
+    associate (balance => ladder%rungs(ladder%last + ladder%step)%balance)
+      do i = 1, size(at_p)
+        if (given_up(cancel)) return
+        call neighbours(ladder, x, before(i), first, ends)
+        call branch_point_error(balance, p(first:first + 1), ends, at_p(i), &
+                                ladder%lifted(at_x(:, i)), error(i), cancel)
+      end do
+    end associate
+  end subroutine find_branch_errors
+
+  !> Of places where multipliers cross the unit circle, of one axis.
+  subroutine find_crossing_errors(ladder, p, x, at_p, at_x, before, turn, error, status, cancel)
+    type(torus_ladder), intent(inout) :: ladder
+    !> As above.
+    real(wp), intent(in) :: p(:), x(:, :), at_p(:), at_x(:, :)
+    integer, intent(in) :: before(:)
+    !> Angle of the multiplier that crosses.
+    real(wp), intent(in) :: turn(:)
+    !> In the unit of p; found where it is < 0.
+    real(wp), intent(inout) :: error(:)
+    type(status_type), intent(out) :: status
+    integer, intent(inout), optional :: cancel
+    type(orbit_floquet_type), target :: floquet
+    type(orbit_spectrum) :: spectrum
+    real(wp), allocatable :: ends(:, :)
+    integer :: first, i
+
+    call set_ok(status)
+    if (.not. any(error < 0.0_wp)) return
+    call make_ready(ladder, status)
+    if (status%failed()) return
+    associate (balance => ladder%rungs(ladder%last + ladder%step)%balance)
+      spectrum%floquet => floquet
+      spectrum%n = 2*balance%system%n_dof
+      do i = 1, size(at_p)
+        if (given_up(cancel)) return
+        if (.not. error(i) < 0.0_wp) cycle
+        call neighbours(ladder, x, before(i), first, ends)
+        call exponent_error(balance, spectrum, p(first:first + 1), ends, at_p(i), &
+                            ladder%lifted(at_x(:, i)), cmplx(0.0_wp, turn(i), wp), error(i), &
+                            cancel)
+      end do
+    end associate
+  end subroutine find_crossing_errors
+
+  subroutine make_ready(ladder, status)
+    type(torus_ladder), intent(inout) :: ladder
+    type(status_type), intent(out) :: status
+    call ladder%prepare(ladder%last, status)
+    if (.not. status%failed()) call ladder%prepare(ladder%last + ladder%step, status)
+  end subroutine make_ready
+
+  !> The points of the branch beside a place, in the unknowns of more shells.
+  subroutine neighbours(ladder, x, before, first, ends)
+    type(torus_ladder), intent(in) :: ladder
+    real(wp), intent(in) :: x(:, :)
+    integer, intent(in) :: before
+    integer, intent(out) :: first
+    !> Shape (balance%n, 2).
+    real(wp), allocatable, intent(out) :: ends(:, :)
+    real(wp), allocatable :: one(:), other(:)
+
+    first = max(1, min(before, size(x, 2) - 1))
+    one = ladder%lifted(x(:, first))
+    other = ladder%lifted(x(:, first + 1))
+    ends = reshape([one, other], [size(one), 2])
+  end subroutine neighbours
+
+end module viscovib_orbit_errors
