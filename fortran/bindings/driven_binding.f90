@@ -10,7 +10,7 @@
 !! for the n_unknowns of the bound `last`.
 subroutine pendulum_balance(flat, orders, n_axes, n_orders, kept, drive_orders, omega, amplitude, &
                             vary, which, p, n_p, tolerance, duration, first, last, step, guess, &
-                            cancel, n_unknowns, x, outcome, iterations, highest, truncation, &
+                            cancel, n_unknowns, x, outcome, iterations, highest, truncation, error, &
                             multipliers, growing, rates, rates_off, status)
   use, intrinsic :: iso_c_binding, only: c_double, c_double_complex, c_int
   use viscovib_binding_tools, only: make_pendulum, report
@@ -33,6 +33,8 @@ subroutine pendulum_balance(flat, orders, n_axes, n_orders, kept, drive_orders, 
   !> cancel(1) /= 0, perhaps set by another thread, gives up.
   integer(c_int), intent(inout) :: cancel(1)
   real(c_double), intent(out) :: x(n_unknowns, n_p), truncation(n_p), rates(6, n_p)
+  !> What the last correction and rounding leave, against the largest unknown.
+  real(c_double), intent(out) :: error(n_p)
   !> Estimated errors of the rates.
   real(c_double), intent(out) :: rates_off(6, n_p)
   complex(c_double_complex), intent(out) :: multipliers(6, n_p)
@@ -55,12 +57,13 @@ subroutine pendulum_balance(flat, orders, n_axes, n_orders, kept, drive_orders, 
   iterations = 0
   highest = 0
   truncation = 0.0_c_double
+  error = 0.0_c_double
   call make_pendulum(system, flat, problem)
   if (.not. problem%failed()) then
     call new_ladder(ladder, system, orders, kept /= 0, drive_orders, omega, amplitude, vary, &
                     which, first, last, step)
     call torus_responses(ladder, p, tolerance, guess, x, outcome, iterations, highest, truncation, &
-                         problem, cancel(1))
+                         error, problem, cancel(1))
   end if
   top = maxval(highest)
   if (duration > 0.0_c_double .and. top > 0) then

@@ -47,10 +47,10 @@ module viscovib_torus_levels
     complex(wp), allocatable, private :: compliance(:, :, :)
   contains
     procedure :: match
-    procedure, private :: prepare
+    procedure :: prepare
     procedure :: within
     procedure :: beyond
-    procedure, private :: correction
+    procedure :: correction
   end type torus_levels
 
 contains

@@ -16,6 +16,7 @@ module viscovib_torus_orders
   use viscovib_stopping, only: is_set
   use viscovib_torus, only: new_torus, torus_type
   use viscovib_torus_balance, only: new_torus_balance, torus_balance_type, vary_frequency
+  use viscovib_torus_error, only: torus_error
   use viscovib_torus_response, only: near_levels, solve_from_rest, solve_near
   implicit none
   private
@@ -153,7 +154,7 @@ contains
 
   !> Each value starts from the ones before, else from rest; the first may have a guess.
   subroutine torus_responses(ladder, p, tolerance, guess, x, outcome, iterations, highest, &
-                             truncation, status, cancel)
+                             truncation, error, status, cancel)
     type(torus_ladder), intent(inout) :: ladder
     !> Tolerance of the iteration, and of the truncation if there is a choice of orders.
     real(wp), intent(in) :: p(:), tolerance
@@ -166,6 +167,8 @@ contains
     !! `truncation`: estimated size of what more orders would change, against the largest.
     integer, intent(out) :: outcome(:), iterations(:), highest(:)
     real(wp), intent(out) :: truncation(:)
+    !> What the last correction and rounding leave, as of `torus_error`.
+    real(wp), intent(out) :: error(:)
     type(status_type), intent(out) :: status
     integer, intent(inout), optional :: cancel
     integer :: i, known, bound
@@ -177,6 +180,7 @@ contains
     outcome = -1
     highest = 0
     truncation = 0.0_wp
+    error = 0.0_wp
     x = 0.0_wp
     last_p = 0.0_wp
     before_p = 0.0_wp
@@ -216,6 +220,9 @@ contains
       if (outcome(i) /= outcome_converged) cycle
       call ladder%enough(p(i), tolerance, bound, here, iterations(i), truncation(i), status, cancel)
       if (status%failed()) return
+      associate (rung => ladder%rungs(bound))
+        call torus_error(rung%balance, p(i), here, rung%near%most, error(i))
+      end associate
       highest(i) = bound
       x(:, i) = ladder%padded(bound, here, size(x, 1))
       ! Equal values give no direction.

@@ -96,7 +96,7 @@ contains
                            p(4) = [0.002_wp, 0.02_wp, 0.002_wp, 0.002_wp]
     integer, allocatable :: orders(:, :)
     real(wp), allocatable :: x(:, :), guess(:)
-    real(wp) :: truncation(4)
+    real(wp) :: truncation(4), error(4)
     integer :: outcome(4), iterations(4), highest(4)
 
     call new_pendulum(system, &
@@ -113,9 +113,10 @@ contains
     allocate (x((2*size(every_order(axes, last), 2) - 1)*3, 4))
     allocate (guess(size(x, 1)), source=0.0_wp)
     call torus_responses(ladder, p, tolerance, guess, x, outcome, iterations, highest, &
-                         truncation, status)
+                         truncation, error, status)
     call check_ok(status)
     call check(all(outcome == outcome_converged), 'converged')
+    call check(all(error > 0.0_wp .and. error <= tolerance), 'what is left')
     call check(all(truncation <= tolerance .and. truncation > 0.0_wp), 'judged')
     call check(highest(2) > highest(1) .and. highest(4) < highest(2), 'as many as needed')
     call check_close(maxval(abs(x(:, 4) - x(:, 1))), 0.0_wp, 2.0_wp*tolerance, 'as before', &

@@ -81,6 +81,10 @@ class DrivenResponse(Result):
     truncation : ndarray, shape (n,)
         Estimated relative error of leaving out higher orders: what the next two shells of them
         would change, against the largest of all; NaN where no solution was found.
+    error : ndarray, shape (n,)
+        Estimated relative error of each motion as a solution of the equations of the orders kept:
+        what the last correction and rounding leave, against the largest of all. NaN where no
+        solution was found, or its derivatives are singular.
     multipliers : complex ndarray, shape (n, 6), or None
         Floquet multipliers over a period of the base frequency, largest first; None with several
         base frequencies, or if not asked for. NaN where unknown.
@@ -115,6 +119,7 @@ class DrivenResponse(Result):
     iterations: IntArray
     highest: IntArray
     truncation: FloatArray
+    error: FloatArray
     multipliers: ComplexArray | None
     growth: FloatArray | None
     growth_error: FloatArray | None
@@ -140,13 +145,13 @@ class DrivenResponse(Result):
         return f"{self.converged.sum()} of {things(self.parameter.size, 'motion')} solved"
 
     def _scope(self) -> list[str]:
-        worst = np.nanmax(self.truncation, initial=0.0)
+        worst, left = (np.nanmax(x, initial=0.0) for x in (self.truncation, self.error))
         known = "" if self.stable is None else f", {np.sum(self.stable == True)} stable"  # noqa: E712
         return [
             f"{self.varies or 'nu'}: {span(self.parameter)}; base frequencies: "
             f"{', '.join(self.axes)}{known}",
             f"orders up to {self.highest.max(initial=0)}, estimated error of those left out "
-            f"{worst:.1e}",
+            f"{worst:.1e}, of the last correction and rounding {left:.1e}",
         ]
 
     @property
@@ -219,6 +224,7 @@ class DrivenResponse(Result):
             "iterations": ("point", self.iterations),
             "highest": ("point", self.highest),
             "truncation": ("point", self.truncation),
+            "error": ("point", self.error),
         }
         if self.multipliers is not None:
             data["multipliers"] = (("point", "multiplier"), self.multipliers)
@@ -250,6 +256,7 @@ class DrivenResponse(Result):
         table.columns |= {f"omega_{j + 1}": self.base[:, j] for j in range(len(self.axes))}
         table.columns |= {"outcome": self.outcome, "iterations": self.iterations}
         table.columns |= {"highest": self.highest, "truncation": self.truncation}
+        table.columns["error"] = self.error
         if self.stable is not None:
             table.columns["stable"] = whole_or_codes(self.stable)
         names = {d: _DOFS[d] for d in wanted_places(coordinates, _DOFS)}
@@ -355,7 +362,7 @@ def _solve(
     kept = np.asfortranarray(kept_by_symmetry(pend, torus, orders, varies))
     cancel = np.zeros(1, dtype=np.intc)
     (
-        x, codes, iterations, highest, truncation, multipliers_found, growing, rates, off,
+        x, codes, iterations, highest, truncation, error, multipliers_found, growing, rates, off,
     ) = _native.call_interruptibly(
         core.pendulum_balance, cancel, *job[:2], kept, *job[2:], rows / unit, tolerance, duration,
         *bounds, torus.shells, np.zeros(n), cancel,
@@ -366,6 +373,7 @@ def _solve(
     coefficients = complex_coefficients(x)[:, :, : len(orders)]
     coefficients[~found] = np.nan
     truncation[~found] = np.nan
+    error[~found] = np.nan
     base = np.tile(torus.base, (rows.size, 1))
     if job[5] == 1:
         base[:, job[6] - 1] = rows / unit  # type: ignore[operator]
@@ -390,6 +398,7 @@ def _solve(
         iterations=iterations,
         highest=highest,
         truncation=truncation,
+        error=error,
         multipliers=multipliers,
         stable=stable,
         growth=growth,
