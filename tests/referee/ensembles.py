@@ -155,11 +155,14 @@ def _gathered(rng, index):
         even(rng, 0.01, 0.1, 2),
         even(rng, 0.5, 1.8, 3),
     )
+    step = "dt=0.1" if index % 2 else f"tolerance={float(rng.choice([1e-6, 1e-9]))}"
     call = f"""system = vv.Pendulum(e=0.1, w2={w2}, w3=0.7, c1={c1}, c2=0.1, c3=0.1, f0={f0}, p1={p1})
 many = vv.simulate_ensemble(
-    system, initial=np.zeros(6), n_periods=60, dt=0.1, discard=50, sections=1, amplitudes_at=[{p1}]
+    system, initial=np.zeros(6), n_periods=60, {step}, discard=50, sections=1,
+    amplitudes_at=[{p1}],
 )
 sections, amplitudes = many.sections[0], many.amplitudes[0]
+section_error = many.section_error
 """
 
     def judge(names, told):
@@ -173,6 +176,15 @@ sections, amplitudes = many.sections[0], many.amplitudes[0]
             1e-6 * abs(x) + 1e-9,
             damage=1e-4,
         )
+        yield Claim("an error is told", names["section_error"] is None, bool(index % 2))
+        if names["section_error"] is not None:
+            yield Claim(
+                "sections to their error",
+                names["sections"][:, :2],
+                np.tile(true, (len(names["sections"]), 1)),
+                1.5 * names["section_error"] + 1e-12,
+                damage=1e-2,
+            )
         yield Claim("amplitudes", names["amplitudes"][0, 0], x, 2e-3 * abs(x), damage=2e-2)
 
     return Case(call, judge)

@@ -15,6 +15,7 @@ import numpy.typing as npt
 from viscovib import _native
 from viscovib._native import ComplexArray, FloatArray
 from viscovib.analyses.accuracy import Accuracy, rounding_of
+from viscovib.analyses.ensemble_errors import Beside, errors_beside, sections_of
 from viscovib.analyses.events import Event
 from viscovib.analyses.gathering import members_of
 from viscovib.analyses.members import Members
@@ -203,10 +204,10 @@ def simulate_ensemble(
     if job.statistics:
         members.gathered_since = members.discarded
     members.step_is_sought = _native.is_auto(dt)
-    n, error = length.steps(dt, members), None
+    n, error, beside = length.steps(dt, members), None, Beside()
     raw = job.run(n, progress)
     if _native.is_auto(dt):
-        raw, n, error = _refine(job, raw, n, wanted, progress)
+        raw, n, error, beside = _refine(job, raw, n, wanted, progress)
     h = length.span / n
     apart = every * float(np.max(h))
     if lines.size and lines.max() * apart >= np.pi:
@@ -215,9 +216,7 @@ def simulate_ensemble(
             f"{np.pi / apart:.4g} or more, amplitudes_at has {lines.max():g}: must be smaller"
         )
     names = np.array(OUTCOMES)
-    points, times = raw.sections, None
-    if isinstance(members, SingleMembers) and surface is not None:
-        points, times = members.passages()
+    points, times = sections_of(members, raw)
     return Ensemble(
         t_end=length.span,
         t_reached=raw.t_reached,
@@ -232,6 +231,8 @@ def simulate_ensemble(
         sections=points,
         **_exponents_of(raw),
         error=error,
+        section_error=beside.sections,
+        amplitude_error=beside.amplitudes,
         method=members.method_name,
         parameters=members.varied,
         system=members.system,
@@ -535,13 +536,15 @@ def _changes_along(coarse: _Raw, fine: _Raw, runs: npt.NDArray[np.bool_]) -> Flo
 
 def _refine(
     job: _Job, coarse: _Raw, n: int, wanted: Accuracy, progress: bool
-) -> tuple[_Raw, int, float]:
+) -> tuple[_Raw, int, float, Beside]:
     """Halve the step until the last states stand still."""
     change, worst, factor = math.inf, 0, 1
+    before = sections_of(job.members, coarse)
     changes_so_far: list[float] = []
     while not hopeless(changes_so_far):
         factor *= 2
         fine = job.run(n * factor, progress)
+        after = sections_of(job.members, fine)
         both = (coarse.ended == 0) & (fine.ended == 0)
         unlike = (coarse.ended != fine.ended) | (fine.ended == _COARSE)
         parts = np.abs(fine.state - coarse.state)
@@ -571,11 +574,13 @@ def _refine(
             if fine.peak is not None:
                 error = max(error, rounding_of(fine.peak[both]))
             if job.lines.size and factor < _SAMPLED:
-                factor = _SAMPLED
+                factor, coarse, before = _SAMPLED, fine, after
                 fine = job.run(n * factor, progress)
-            return _with_steps_told(coarse, fine), n * factor, error
+                after = sections_of(job.members, fine)
+            beside = errors_beside(coarse, fine, before, after, both)
+            return _with_steps_told(coarse, fine), n * factor, error, beside
         changes_so_far.append(change)
-        coarse = fine
+        coarse, before = fine, after
     raise InputError(
         f"{wanted}: not met with {n * factor} steps (run {worst} still changes by "
         f"{change:.1e} or fails); that motion may be chaotic: give dt, or take a shorter run or a "

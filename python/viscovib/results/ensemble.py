@@ -66,8 +66,13 @@ class Ensemble(Result):
         As ``lyapunov_error``, of each; 0 of -inf.
     error : float or None
         Estimated largest error of the last states and of ``t_reached``, if ``dt`` was "auto" (None
-        of steps that are given, as summary and plan say); of
-        runs one by one also of ``peak``, ``mean`` and ``rms``.
+        of steps that are given, as summary and plan say), and of ``peak``, ``mean`` and ``rms``.
+    section_error : float or None
+        The same of ``sections`` and ``section_times``, by halved steps; inf where these have other
+        passages.
+    amplitude_error : float or None
+        The same of ``amplitudes``: what other steps, and states as much nearer to each other,
+        change. How far a finite time tells lines apart is another matter.
     method : str
     parameters : mapping
         What varies, each an array of shape (n,).
@@ -113,6 +118,8 @@ class Ensemble(Result):
     spectrum: FloatArray | None = None
     spectrum_error: FloatArray | None = None
     section_times: FloatArray | None = None
+    section_error: float | None = None
+    amplitude_error: float | None = None
     _names: tuple[str, ...] = ()
 
     kind = "ensemble"
@@ -135,6 +142,8 @@ class Ensemble(Result):
     def _scope(self) -> list[str]:
         varied = ", ".join(f"{name} {span(v)}" for name, v in self.parameters.items()) or "nothing"
         sure = "error not estimated" if self.error is None else f"estimated error {self.error:.1e}"
+        for name, error in (("sections", self.section_error), ("lines", self.amplitude_error)):
+            sure += "" if error is None else f", of {name} {error:.1e}"
         return [f"t_end: {span(self.t_end)}; varied: {varied}; {self.method}, {sure}"]
 
     def to_dataset(self) -> xr.Dataset:
@@ -175,6 +184,7 @@ class Ensemble(Result):
         }
         coordinates |= {name: ("run", values) for name, values in self.parameters.items()}
         attributes: dict[str, Any] = {"method": self.method, "plan": str(self.plan)}
-        if self.error is not None:
-            attributes["error"] = self.error
+        for name in ("error", "section_error", "amplitude_error"):
+            if (told := getattr(self, name)) is not None:
+                attributes[name] = told
         return xr.Dataset(data, coords=coordinates, attrs=attributes)

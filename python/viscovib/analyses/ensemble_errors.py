@@ -1,0 +1,70 @@
+"""Errors of what an ensemble gathers beside its last states."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+import numpy.typing as npt
+
+from viscovib._native import ComplexArray, FloatArray
+from viscovib.analyses.accuracy import rounding_of
+from viscovib.analyses.members import Members
+from viscovib.analyses.singles import SingleMembers
+
+
+class Raw(Protocol):
+    """What is looked at of the results of the core."""
+
+    @property
+    def amplitudes(self) -> ComplexArray | None:
+        """Of lines."""
+
+    @property
+    def sections(self) -> FloatArray | None:
+        """At whole periods of a load."""
+
+
+@dataclass(frozen=True)
+class Beside:
+    """Errors of what was gathered beside the last states; None: not gathered, or steps are given."""
+
+    sections: float | None = None
+    amplitudes: float | None = None
+
+
+#: Sections of some runs, and times where these are not those of a load.
+Sections = tuple[FloatArray | None, FloatArray | None]
+
+
+def sections_of(members: Members, raw: Raw) -> Sections:
+    """Those of the last run."""
+    if isinstance(members, SingleMembers) and members.surface is not None:
+        return members.passages()
+    return raw.sections, None
+
+
+def errors_beside(
+    coarse: Raw, fine: Raw, before: Sections, after: Sections, runs: npt.NDArray[np.bool_]
+) -> Beside:
+    """What halved steps change of sections and amplitudes of some runs, and rounding of these."""
+    sections, amplitudes = None, None
+    if before[0] is not None and after[0] is not None:
+        sections = 0.0
+        for a, b in zip(before, after, strict=True):
+            if a is None or b is None:
+                continue
+            a, b = a[runs], b[runs]
+            # Where one has more passages than the other, nothing is known.
+            alike = a.shape == b.shape and bool((np.isnan(a) == np.isnan(b)).all())
+            moved = float(np.nanmax(np.abs(b - a), initial=0.0)) if alike else math.inf
+            known = b[~np.isnan(b)]
+            sections = max(sections, moved, rounding_of(known) if known.size else 0.0)
+    if coarse.amplitudes is not None and fine.amplitudes is not None:
+        a, b = coarse.amplitudes[runs], fine.amplitudes[runs]
+        amplitudes = max(
+            float(np.abs(b - a).max(initial=0.0)), rounding_of(np.abs(b)) if b.size else 0.0
+        )
+    return Beside(sections, amplitudes)
