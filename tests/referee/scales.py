@@ -329,6 +329,8 @@ frequencies, decay, names = ms.frequencies, ms.decay, system.dof_names
 modulation = motion.modulation
 amplitude, phase, a = modulation.amplitude, modulation.phase, modulation.complex_amplitudes
 again = ms.modulation({t.tolist()}, amplitudes=modulation.initial).complex_amplitudes
+fine = ms.modulation({t.tolist()}, {state.tolist()}, accuracy=1e-13)
+best, admitted = fine.complex_amplitudes, modulation.error + fine.error
 """
 
     def judge(names, told):
@@ -348,6 +350,13 @@ again = ms.modulation({t.tolist()}, amplitudes=modulation.initial).complex_ampli
             damage=1e-3,
         )
         yield Claim("from amplitudes", names["again"], names["a"], 1e-8, damage=1e-3)
+        yield Claim(
+            "amplitudes to their error",
+            names["a"],
+            names["best"],
+            1.3 * names["admitted"][:, np.newaxis] + 1e-300,
+            damage=1e-3,
+        )
         yield from _motion(names, model.motion(model.start(state), t, None))
 
     return Case(call, judge)

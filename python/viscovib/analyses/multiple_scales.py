@@ -36,6 +36,8 @@ _ROOM = 500
 #: Points at which the error of a motion is computed; between them it is read off. At least and
 #: at most so many, and one in so many steps: amplitudes are taken as cubic between them.
 _KNOTS, _MOST_KNOTS, _STEPS_A_KNOT = 65, 1025, 5
+#: How much finer steps are that tell the error of others, and the finest accuracy they are made for.
+_FINER, _FINEST = 1e-3, 3e-15
 #: In place of a tolerance: resonances are chosen by what their terms do.
 _BY_INFLUENCE = -float(np.finfo(float).max)
 #: Of free vibrations: internal resonances within this part are solved for.
@@ -482,12 +484,13 @@ class MultipleScales:
             if given.shape != (2 * n,):
                 raise InputError(f"initial: must have shape ({2 * n},), got {given.shape}")
             state = np.asfortranarray(given.reshape(n, 2))
+        given_start = (int(amplitudes is not None), start, state)
         cancel = np.zeros(1, dtype=np.intc)
         (
             a, first, motion, sizes, frame, expected, reached, steps, outcome,
         ) = _native.call_interruptibly(
             core.scales_motion, cancel, *self._form.system, self._tolerance,
-            int(amplitudes is not None), start, state, times, error, 10_000_000, cancel,
+            *given_start, times, error, 10_000_000, cancel,
         )  # fmt: skip
         if outcome:
             warnings.warn(
@@ -502,6 +505,7 @@ class MultipleScales:
             complex_amplitudes=2 * a.T[kept],
             frame=frame,
             initial=2 * first,
+            error=self._integration_error(2 * a.T[kept], given_start, times, error),
             steps=int(steps),
             outcome=_OUTCOMES[outcome],
             plan=self._plan(
@@ -510,3 +514,24 @@ class MultipleScales:
         )
         states = np.ascontiguousarray(motion.transpose(2, 0, 1)[kept].reshape(-1, 2 * n))
         return modulation, states, np.ascontiguousarray(sizes.T[kept]), expected
+
+    def _integration_error(
+        self,
+        amplitudes: ComplexArray,
+        given: tuple[int, ComplexArray, FloatArray],
+        times: FloatArray,
+        accuracy: float,
+    ) -> FloatArray:
+        """What much finer steps change of amplitudes in time, and rounding."""
+        cancel, least = np.zeros(1, dtype=np.intc), max(_FINER * accuracy, _FINEST)
+        finer, _, _, _, _, _, reached, steps, _ = _native.call_interruptibly(
+            core.scales_motion, cancel, *self._form.system, self._tolerance, *given, times,
+            least, 10_000_000, cancel,
+        )  # fmt: skip
+        off = np.full(len(amplitudes), np.inf)
+        n = min(len(off), int(reached))
+        off[:n] = np.abs(2 * finer.T[:n] - amplitudes[:n]).max(axis=1, initial=0.0)
+        sizes = np.maximum.accumulate(np.abs(amplitudes).max(axis=1, initial=0.0))
+        eps = float(np.finfo(float).eps)
+        # First steps may be the same.
+        return np.asarray(off + (least + eps * np.sqrt(max(int(steps), 1))) * sizes)

@@ -74,6 +74,10 @@ class Modulation(Result):
         Frequencies at which the frame of each amplitude turns.
     initial : complex ndarray, shape (n_modes,)
         Amplitudes at t = 0.
+    error : ndarray, shape (n,)
+        Estimated largest error of the complex amplitudes as a solution of the modulation equations,
+        by much finer steps and rounding; inf at times that these do not reach. What the expansion
+        itself leaves out is another error, which results of `MultipleScales.motion` tell.
     steps : int
         Steps of the integration.
     outcome : str
@@ -96,6 +100,7 @@ class Modulation(Result):
     complex_amplitudes: ComplexArray
     frame: FloatArray
     initial: ComplexArray
+    error: FloatArray
     steps: int
     outcome: str
     plan: Plan
@@ -111,7 +116,8 @@ class Modulation(Result):
         return f"{self.outcome}, {things(self.t.size, 'time')}, {things(self.steps, 'step')}"
 
     def _scope(self) -> list[str]:
-        return [f"t: {span(self.t)}; {things(self.frame.size, 'mode')}"]
+        worst = f"largest error of the integration {self.error.max(initial=0.0):.1e}"
+        return [f"t: {span(self.t)}; {things(self.frame.size, 'mode')}, {worst}"]
 
     def to_dataset(self) -> xr.Dataset:
         """Amplitudes and phases as an xarray Dataset over t."""
@@ -119,7 +125,11 @@ class Modulation(Result):
 
         dims = ("t", "mode")
         return xr.Dataset(
-            {"amplitude": (dims, self.amplitude), "phase": (dims, self.phase, {"units": "rad"})},
+            {
+                "amplitude": (dims, self.amplitude),
+                "phase": (dims, self.phase, {"units": "rad"}),
+                "error": ("t", self.error),
+            },
             coords={"t": self.t},
             attrs={"outcome": self.outcome, "plan": str(self.plan)},
         )
