@@ -10,8 +10,8 @@
 !! for the n_unknowns of the bound `last`.
 subroutine pendulum_balance(flat, orders, n_axes, n_orders, kept, drive_orders, omega, amplitude, &
                             vary, which, p, n_p, tolerance, duration, first, last, step, guess, &
-                            cancel, n_unknowns, x, outcome, iterations, highest, truncation, error, &
-                            multipliers, growing, rates, rates_off, status)
+                            cancel, n_unknowns, x, outcome, iterations, highest, truncation, &
+                            error, multipliers, growing, rates, rates_off, status)
   use, intrinsic :: iso_c_binding, only: c_double, c_double_complex, c_int
   use viscovib_binding_tools, only: make_pendulum, report
   use viscovib_orbit_floquet, only: orbit_floquet_type

@@ -29,7 +29,7 @@ class Raw(Protocol):
 
 @dataclass(frozen=True)
 class Beside:
-    """Errors of what was gathered beside the last states; None: not gathered, or steps are given."""
+    """Of what was gathered beside the last states; None: not gathered, or steps are given."""
 
     sections: float | None = None
     amplitudes: float | None = None

@@ -36,7 +36,7 @@ _ROOM = 500
 #: Points at which the error of a motion is computed; between them it is read off. At least and
 #: at most so many, and one in so many steps: amplitudes are taken as cubic between them.
 _KNOTS, _MOST_KNOTS, _STEPS_A_KNOT = 65, 1025, 5
-#: How much finer steps are that tell the error of others, and the finest accuracy they are made for.
+#: How much finer steps are that tell the error of others, and the finest accuracy of these.
 _FINER, _FINEST = 1e-3, 3e-15
 #: In place of a tolerance: resonances are chosen by what their terms do.
 _BY_INFLUENCE = -float(np.finfo(float).max)
