@@ -94,6 +94,8 @@ contains
     type(chord_point) :: here, there, nodes(n_nodes)
     complex(wp) :: last, values(n_nodes)
     real(wp) :: reaches(3), centre, reach, off, slope, by_p, growth, growths(n_nodes)
+    !> Of the nodes: where on the chord, and the parameter.
+    real(wp) :: s(n_nodes), there_p(n_nodes)
     logical :: made
     integer :: turn, k, try
 
@@ -127,7 +129,8 @@ contains
         if (try > size(reaches)) return
         cycle
       end if
-      off = zero_of(nodes%sigma, real(values)) - centre
+      s = nodes%sigma
+      off = zero_of(s, real(values)) - centre
       if (.not. abs(off) < huge(off)) return
       if (abs(off) <= close*reach) exit
       centre = centre + sign(min(abs(off), 0.5_wp), off)
@@ -137,11 +140,10 @@ contains
       there = nodes(3)
     end do
     if (turn >= max_turns) return
-    associate (s => nodes%sigma, v => real(values))
-      by_p = (nodes(2)%p - nodes(1)%p)/(s(2) - s(1))
-      slope = (v(2) - v(1))/(s(2) - s(1))
-      error = abs(cubic_at(centre + off, s, differences(s, nodes%p)) - at_p)
-    end associate
+    there_p = nodes%p
+    by_p = (there_p(2) - there_p(1))/(s(2) - s(1))
+    slope = (real(values(2)) - real(values(1)))/(s(2) - s(1))
+    error = abs(cubic_at(centre + off, s, differences(s, there_p)) - at_p)
     call exponent_at(curve, spectrum, nodes(2)%p, nodes(2)%x*(1.0_wp + nudge), values(2), last, &
                      growth, made)
     off = 0.0_wp

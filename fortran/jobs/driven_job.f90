@@ -388,8 +388,8 @@ contains
     call self%new_judging_ladder(job, shells_of_places(self%bound, job%torus), ladder)
     associate (n => branch%n_points)
       call find_crossing_errors(ladder, branch%parameter(:n), self%in_full(branch%x(:, :n)), &
-                                crossings%p, x, crossings%before, aimag(crossings%eta), errors, &
-                                status)
+                                [crossings%p], x, [crossings%before], aimag(crossings%eta), &
+                                errors, status)
     end associate
     crossings%error = errors
   end subroutine judge_crossings

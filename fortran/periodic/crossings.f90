@@ -86,12 +86,13 @@ contains
 
   !> How far off places are that the continuation has not located: by twice the orders.
   subroutine find_errors(spectrum, curve, p, x, crossings, cancel)
-    type(motion_spectrum), intent(inout) :: spectrum
+    type(motion_spectrum), intent(in) :: spectrum
     class(oscillator_curve_type), intent(inout) :: curve
     real(wp), intent(in) :: p(:), x(:, :)
     type(crossing_type), intent(inout) :: crossings(:)
     integer, intent(inout), optional :: cancel
     type(judge_type), target :: judge
+    type(motion_spectrum) :: more
     real(wp), allocatable :: ends(:, :)
     real(wp) :: tail
     integer :: i, j
@@ -102,14 +103,15 @@ contains
     if (may_jump(curve%system)) tail = beside_jumps
     call curve%enlarge()
     call new_judge(judge, curve%system, curve%balance%set)
-    spectrum%judge => judge
+    more = spectrum
+    more%judge => judge
     do i = 1, size(crossings)
       if (given_up(cancel)) exit
       associate (c => crossings(i))
         if (.not. wanted(c)) cycle
         ends = reshape([(refitted(curve%blocks, x(:, c%before + j), curve%n), j=0, 1)], &
                        [curve%n, 2])
-        call exponent_error(curve, spectrum, p(c%before:c%before + 1), ends, c%p, &
+        call exponent_error(curve, more, p(c%before:c%before + 1), ends, c%p, &
                             refitted(curve%blocks, c%x, curve%n), c%eta, c%error, cancel)
         c%error = tail*c%error
       end associate

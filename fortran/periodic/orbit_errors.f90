@@ -104,12 +104,13 @@ contains
     integer, intent(out) :: first
     !> Shape (balance%n, 2).
     real(wp), allocatable, intent(out) :: ends(:, :)
-    real(wp), allocatable :: one(:), other(:)
 
     first = max(1, min(before, size(x, 2) - 1))
-    one = ladder%lifted(x(:, first))
-    other = ladder%lifted(x(:, first + 1))
-    ends = reshape([one, other], [size(one), 2])
+    associate (one => ladder%lifted(x(:, first)), other => ladder%lifted(x(:, first + 1)))
+      allocate (ends(size(one), 2))
+      ends(:, 1) = one
+      ends(:, 2) = other
+    end associate
   end subroutine neighbours
 
 end module viscovib_orbit_errors

@@ -193,8 +193,9 @@ contains
     real(wp), allocatable :: left(:, :), terms(:, :)
     integer :: i, j, pivot, taken
 
-    left = here - base
-    terms = abs(here) + abs(base)
+    allocate (left(size(here, 1), size(here, 1)), terms(size(here, 1), size(here, 1)))
+    left(:, :) = here - base
+    terms(:, :) = abs(here) + abs(base)
     do taken = 0, room
       done = all(abs(left) <= rounding*terms)
       if (done .or. taken == room) return

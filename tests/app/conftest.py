@@ -18,7 +18,7 @@ def solve():
 
     def run(*arguments, cwd=None):
         return subprocess.run(
-            [program, *map(str, arguments)], capture_output=True, text=True, timeout=60, cwd=cwd
+            [program, *map(str, arguments)], capture_output=True, text=True, timeout=120, cwd=cwd
         )
 
     return run

@@ -64,8 +64,7 @@ def test_places_of_few_orders_are_as_far_off_as_told(first):
         system, ends, same = _draw(seed)
         n = 7 + 2 * (seed % 3)
         few, many = (
-            vv.trace_response(system, ends, **same, harmonics=m, max_points=600)
-            for m in (n, 3 * n)
+            vv.trace_response(system, ends, **same, harmonics=m, max_points=600) for m in (n, 3 * n)
         )
         for found, true in (
             (few.crossings, many.crossings),

@@ -64,7 +64,7 @@ def test_passages_of_ensembles_and_lines(tolerance):
         amplitudes_at=[1.3], tolerance=tolerance,
     )  # fmt: skip
     true = 1 / abs(1 - 1.3**2 + 1.3j)
-    assert 0 < lines.amplitude_error
+    assert lines.amplitude_error > 0
     assert abs(abs(lines.amplitudes[0, 0, 0]) - true) <= lines.amplitude_error + 1e-4
 
 

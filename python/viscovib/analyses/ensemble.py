@@ -21,7 +21,6 @@ from viscovib.analyses.gathering import members_of
 from viscovib.analyses.members import Members
 from viscovib.analyses.memoryless import SIDE_BY_SIDE, TAYLOR
 from viscovib.analyses.runs import LOCATED, hopeless
-from viscovib.analyses.singles import SingleMembers
 from viscovib.common.counts import things
 from viscovib.common.plan import Plan
 from viscovib.common.progress import progress_bar

@@ -53,18 +53,19 @@ def errors_beside(
     sections, amplitudes = None, None
     if before[0] is not None and after[0] is not None:
         sections = 0.0
-        for a, b in zip(before, after, strict=True):
-            if a is None or b is None:
+        for early, late in zip(before, after, strict=True):
+            if early is None or late is None:
                 continue
-            a, b = a[runs], b[runs]
+            a, b = early[runs], late[runs]
             # Where one has more passages than the other, nothing is known.
             alike = a.shape == b.shape and bool((np.isnan(a) == np.isnan(b)).all())
             moved = float(np.nanmax(np.abs(b - a), initial=0.0)) if alike else math.inf
             known = b[~np.isnan(b)]
             sections = max(sections, moved, rounding_of(known) if known.size else 0.0)
     if coarse.amplitudes is not None and fine.amplitudes is not None:
-        a, b = coarse.amplitudes[runs], fine.amplitudes[runs]
+        lines = fine.amplitudes[runs]
         amplitudes = max(
-            float(np.abs(b - a).max(initial=0.0)), rounding_of(np.abs(b)) if b.size else 0.0
+            float(np.abs(lines - coarse.amplitudes[runs]).max(initial=0.0)),
+            rounding_of(np.abs(lines)) if lines.size else 0.0,
         )
     return Beside(sections, amplitudes)
