@@ -120,7 +120,7 @@ class Automaton:
                 g.terminal, g.direction = True, -1
             for longest in (0.2, 0.01):
                 run = solve_ivp(
-                    self.rates, (t, left[0]), y, "DOP853", rtol=1e-12, atol=1e-13, events=signals,
+                    self.rates, (t, left[0]), y, "DOP853", rtol=1e-13, atol=1e-15, events=signals,
                     max_step=longest, dense_output=True,
                 )  # fmt: skip
                 # Contacts that are shorter than a step have no sign change at its ends.
@@ -145,7 +145,7 @@ class Automaton:
             for g in signals:
                 g.terminal, g.direction = True, -1
             run = solve_ivp(
-                self.rates, (t, end), y, "DOP853", rtol=1e-12, atol=1e-13, events=signals,
+                self.rates, (t, end), y, "DOP853", rtol=1e-13, atol=1e-15, events=signals,
                 max_step=0.02,
             )  # fmt: skip
             t, y = run.t[-1], run.y[:, -1]
@@ -163,7 +163,7 @@ class Automaton:
         for _ in range(3):
             if now > before:
                 step = solve_ivp(
-                    self.rates, (before, now), state, "DOP853", rtol=1e-12, atol=1e-13
+                    self.rates, (before, now), state, "DOP853", rtol=1e-13, atol=1e-15
                 )  # fmt: skip
                 y = step.y[:, -1]
             a = signal(now, y)
@@ -249,7 +249,7 @@ class Turning:
         self.way = 1 if v >= 0 else -1
         way = 1.0 if d >= 0 else -1.0
         run = solve_ivp(
-            lambda x, z: self.slope(z, way), (0, d), [0.0], "DOP853", rtol=1e-12, atol=1e-13
+            lambda x, z: self.slope(z, way), (0, d), [0.0], "DOP853", rtol=1e-13, atol=1e-15
         )  # fmt: skip
         self.side = 1 if run.y[0, -1] >= 0 else -1
         return run.y[:, -1]
