@@ -142,7 +142,8 @@ DRAWN = set(RESULTS) - {
 NOT_FOUND = [
     "AbelKernel", "Arrhenius", "Body", "BoucWen", "Coupling", "CreepData", "CubicSystem", "Dahl",
     "Event", "Explorer", "ExponentialSum", "FluidTrack", "Gap", "Iwan", "Jenkins", "Kernel",
-    "KernelFit", "LoadTable", "Monomial", "Mount", "MountPoint", "MultipleScales", "Past",
+    "KernelFit", "LoadTable", "ModalModel", "Monomial", "Mount", "MountPoint", "MultipleScales",
+    "Past",
     "Pendulum", "PeriodicMotions", "Plan", "PolynomialSystem", "PronyKernel", "PythonLaw",
     "RabotnovKernel", "RelaxationData", "Result", "RzhanitsynKernel", "Sample", "Scene",
     "ShiftLaw", "ShiftTable", "Spring", "Springs", "Stop", "Structure", "SumKernel",

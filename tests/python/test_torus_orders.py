@@ -146,7 +146,7 @@ def test_orders_of_a_branch_that_cannot_be_chosen():
     with pytest.warns(vv.ConvergenceWarning, match="3 orders leave an estimated relative error"):
         rest = vv.trace_response(TWO, m01=(0, 0.001), harmonics=3)
     point = vv.BranchPoint(
-        0.0, rest.coefficients[0], 0, rest.coefficients[0], np.zeros(1), np.ones(1)
+        0.0, rest.coefficients[0], 0, rest.coefficients[0], 0.0, np.zeros(1), np.ones(1)
     )
     with pytest.raises(vv.InputError, match="leave: has 1 unknowns, must have as many as asked"):
         vv.trace_response(TWO, m01=(0, 0.001), harmonics="auto", leave=point)

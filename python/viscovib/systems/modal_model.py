@@ -73,19 +73,29 @@ class ModalModel:
         InputError
             No such coordinate, or another shape.
         """
+        n, places = len(self.names), self._place()
         if isinstance(load, Mapping):
-            parts = [np.asarray(complex(force)) * self.load(name) for name, force in load.items()]
-            total = np.sum(parts, axis=0)
-            return total if np.any(total.imag) else np.ascontiguousarray(total.real)
-        if isinstance(load, (str, tuple, list)) and all(isinstance(one, str) for one in load):
-            return direction_of("load", load, len(self.names), self._place()) @ self.shapes
-        given = np.asarray(load)
-        if given.shape != (len(self.names),) or given.dtype.kind not in "iufc":
-            raise InputError(
-                f"load = {_native.shown(load)}: must be a coordinate, a mapping of them, or "
-                f"{len(self.names)} numbers"
-            )
-        return np.asarray(given @ self.shapes)
+            total = np.zeros(self.shapes.shape[1], dtype=complex)
+            for name, force in load.items():
+                if not isinstance(name, str):
+                    raise InputError(f"load: {_native.shown(name)} must be a coordinate")
+                one = _native.complex_array(f"load[{name!r}]", force)
+                if one.ndim:
+                    raise InputError(f"load[{name!r}] = {_native.shown(force)}: must be a number")
+                total += one * (direction_of("load", name, n, places) @ self.shapes)
+        elif isinstance(load, str) or (
+            isinstance(load, (tuple, list)) and load and all(isinstance(x, str) for x in load)
+        ):
+            total = direction_of("load", load, n, places) @ self.shapes + 0j
+        else:
+            given = _native.complex_array("load", load)
+            if given.shape != (n,):
+                raise InputError(
+                    f"load = {_native.shown(load)}: must be a coordinate, a mapping of them, or "
+                    f"{n} numbers"
+                )
+            total = given @ self.shapes
+        return total if total.imag.any() else np.ascontiguousarray(total.real)
 
     def displacements(
         self, state: npt.ArrayLike, coordinates: Sequence[str] | None = None
@@ -110,15 +120,19 @@ class ModalModel:
     def _moved(
         self, state: npt.ArrayLike, first: int, coordinates: Sequence[str] | None
     ) -> FloatArray:
-        given = np.asarray(state, dtype=float)
+        given = _native.real_array("state", state)
         m = self.shapes.shape[1]
         if given.ndim < 1 or given.shape[-1] != 2 * m:
             raise InputError(f"state: must have {2 * m} columns, got shape {given.shape}")
         shapes = self.shapes
         if coordinates is not None:
+            if isinstance(coordinates, str) or not isinstance(coordinates, Sequence):
+                raise InputError(
+                    f"coordinates = {_native.shown(coordinates)}: must be a list of names"
+                )
             known = self._place()
             for name in coordinates:
-                if name not in known:
+                if not isinstance(name, str) or name not in known:
                     raise InputError(f"coordinates: {_native.shown(name)} is no coordinate")
             shapes = shapes[[known[name] for name in coordinates]]
         return np.asarray(given[..., first::2] @ shapes.T)
