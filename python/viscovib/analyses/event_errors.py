@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from viscovib._native import FloatArray, core
+from viscovib.analyses.events import n_states
 from viscovib.analyses.runs import LOCATED, least_error, told_in_one_way
 from viscovib.results.trajectory import Trajectory
 
@@ -84,7 +85,7 @@ def _apart(
     if looks and looks[0].size:
         most = np.abs(looks[1] - looks[0]).max(axis=0)
         times, known = np.r_[0.0, times], np.c_[most, known]
-    n_all = 2 * ((n_rows - 4) // 3)
+    n_all = n_states(n_rows)
     if columns is None and known.shape[0] == n_all:
         return times, np.asfortranarray(known)
     # What is not kept is off by as much as what is, at most.

@@ -370,7 +370,8 @@ class Structure:
 
         Whatever takes a `Structure` of few coordinates takes that: steps in time end where
         friction, gaps and stops switch, motions that repeat are found in time, with events,
-        ensembles and exponents. Elements act in the same directions.
+        ensembles and exponents. Elements act in the same directions. Its base does not move: what
+        a moving base does is a load, -M b times its acceleration, on what is relative to it.
 
         Returns
         -------
