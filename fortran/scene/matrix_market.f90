@@ -143,7 +143,8 @@ contains
                                           in_places)), status)
   end subroutine read_sizes
 
-  !> Row, column and value of each entry; those of one place add up.
+  !> Row, column and value of each entry; entries of one place add up. A symmetric file stores each
+  !! pair of entries once: the second of them would double both.
   subroutine read_entries(cursor, n, sign_below, matrix, status)
     type(cursor_type), intent(inout) :: cursor
     integer, intent(in) :: n, sign_below
@@ -168,7 +169,21 @@ contains
       i = nint(values(1))
       j = nint(values(2))
       matrix(i, j) = matrix(i, j) + values(3)
-      if (sign_below /= 0 .and. i /= j) matrix(j, i) = matrix(j, i) + sign_below*values(3)
+    end do
+    if (sign_below == 0) return
+    do j = 1, size(matrix, 2)
+      do i = j + 1, size(matrix, 1)
+        if (abs(matrix(i, j)) > 0.0_wp .and. abs(matrix(j, i)) > 0.0_wp) then
+          call blame(cursor, 'is declared '//trim(merge('symmetric     ', 'skew-symmetric', &
+                                                        sign_below > 0))//' but stores both (' &
+                     //show(i)//', '//show(j)//') and ('//show(j)//', '//show(i) &
+                     //'): store one triangle, or declare it general', status)
+          return
+        end if
+        values(1) = matrix(i, j)
+        matrix(i, j) = matrix(i, j) + sign_below*matrix(j, i)
+        matrix(j, i) = matrix(j, i) + sign_below*values(1)
+      end do
     end do
   end subroutine read_entries
 

@@ -195,6 +195,12 @@ contains
                              //show(size(matrix, 2))//', must be '//show(n)//' x '//show(n))
         return
       end if
+      if (is_triangular(matrix)) then
+        call reader%complain(key, key//': its file has entries on one side of the diagonal only: ' &
+                             //'store both triangles, or declare it symmetric; a coupling in one ' &
+                             //'direction must be given as numbers')
+        return
+      end if
       call reader%echo_reals(key, reshape(transpose(matrix), [n*n]))
       return
     end if
@@ -225,6 +231,20 @@ contains
       matrix = reshape(values, [n, n], order=[2, 1])
     end if
   end subroutine read_matrix
+
+  !> True if entries off the diagonal are on one side of it only.
+  pure logical function is_triangular(matrix)
+    real(wp), intent(in) :: matrix(:, :)
+    logical :: above, below
+    integer :: j
+    above = .false.
+    below = .false.
+    do j = 1, size(matrix, 2)
+      above = above .or. any(abs(matrix(:j - 1, j)) > 0.0_wp)
+      below = below .or. any(abs(matrix(j + 1:, j)) > 0.0_wp)
+    end do
+    is_triangular = above .neqv. below
+  end function is_triangular
 
   !> How many coordinates a mass of so many numbers is for: a diagonal, unless names say otherwise.
   pure integer function size_of(n_values, n_names) result(n)

@@ -39,7 +39,7 @@ class ConvergenceWarning(UserWarning):
 
 
 class StabilityWarning(UserWarning):
-    """Stability is unknown, a system creeps away from rest, or a body's units look wrong."""
+    """Stability is unknown, a system creeps away from rest, or units or matrices look wrong."""
 
 
 class SweepError(ViscovibError):

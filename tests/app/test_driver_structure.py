@@ -161,6 +161,9 @@ FILES = {
     "wide.mtx": HEAD.format("real") + "2 3 1\n1 1 1\n",
     "huge.mtx": HEAD.format("real") + "96816 96816 1\n1 1 1\n",
     "none.mtx": "1 2 3\n",
+    "twice.mtx": HEAD.format("real").replace("general", "symmetric")
+    + "2 2 4\n1 1 2\n2 2 2\n1 2 -1\n2 1 -1\n",
+    "half.mtx": HEAD.format("real") + "2 2 3\n1 1 2\n2 2 2\n1 2 -1\n",
 }
 REFUSED = {
     "mass='gone.mtx' stiffness=1 1": "cannot be read (No such file",
@@ -175,6 +178,10 @@ REFUSED = {
     "mass='wide.mtx' stiffness=1 1": "its file is 2 x 3, must be 2 x 2",
     "mass='huge.mtx' stiffness=1 1": "Python reduces larger structures (Structure.reduce)",
     "mass='none.mtx' stiffness=1 1": "is no Matrix Market file",
+    "mass=1 2 stiffness='twice.mtx'": "is declared symmetric but stores both (2, 1) and (1, 2): "
+    "store one triangle",
+    "mass=1 2 stiffness=1 1 damping='half.mtx'": "damping: its file has entries on one side of the "
+    "diagonal only: store both triangles",
     "mass=1 2 stiffness='../x.mtx'": "must be in the folder of the scene",
     "mass=1 -1 stiffness=1 1": "must be symmetric and positive definite",
     "mass=1 2 stiffness=1 1 modal_damping=1 2 3": "must be one, or 2",

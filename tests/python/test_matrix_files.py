@@ -73,6 +73,7 @@ WRONG = {
         HARWELL.replace("RSA", "CSA"): "is of type CSA, must be real and assembled",
         HARWELL.replace("RSA", "PSA"): "is of type PSA, must be real",
         HARWELL.replace("RSA", "RSE"): "is of type RSE, must be real",
+        HARWELL.replace("  1  2  2  3  3", "  1  2  1  2  3"): "stores both (2, 1) and (1, 2)",
         HARWELL[:-14]: "is cut short",
         HARWELL.replace("1.5000", "1.5x00"): "holds something that is not a number",
         HARWELL.replace("  1  2  2  3  3", "  1  2  2  3  4"): "has entries outside the matrix",
@@ -124,6 +125,30 @@ def test_a_line_is_an_entry_or_refused(tmp_path):
         else:
             assert read_matrix("mass", file).toarray()[1, 1] == value, word
     assert 50 < refused < 250
+
+
+def test_each_pair_of_a_symmetric_file_is_stored_once(tmp_path):
+    """In either triangle; a pair in both is refused, since their sum is twice the entry."""
+    rng = np.random.default_rng(7)
+    file = tmp_path / "k.mtx"
+    for i in range(20):
+        word, sign = (("symmetric", 1), ("skew-symmetric", -1))[i % 2]
+        n = int(rng.integers(2, 8))
+        below = np.tril(rng.normal(size=(n, n)) * (rng.random((n, n)) < 0.6), -1)
+        below[1, 0] = 0.5
+        full = below + sign * below.T + np.diag(rng.normal(size=n)) * (sign + 1)
+        swap = rng.random((n, n)) < 0.5
+        one = np.where(swap, np.tril(full), 0) + np.triu(full) * ~swap.T
+        for stored in (one, full):
+            places = np.argwhere(stored)
+            text = [f"%%MatrixMarket matrix coordinate real {word}", f"{n} {n} {len(places)}"]
+            text += [f"{i + 1} {j + 1} {float(stored[i, j])!r}" for i, j in places.tolist()]
+            file.write_text("\n".join(text))
+            if stored is one:
+                np.testing.assert_array_equal(read_matrix("stiffness", file).toarray(), full)
+                continue
+            with pytest.raises(vv.InputError, match=r"stores both \(\d, \d\) and .* one triangle"):
+                read_matrix("stiffness", file)
 
 
 def test_npz_of_something_else(tmp_path):

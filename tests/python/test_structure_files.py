@@ -42,6 +42,25 @@ def test_matrix_market_and_harwell_boeing(tmp_path):
     assert (again.stiffness != CHAIN).nnz == 0
 
 
+@pytest.mark.parametrize("ending", [".mtx", ".npz"])
+def test_one_triangle_is_no_structure(tmp_path, ending):
+    """A file of one triangle is refused, an array warned of: its motion is another."""
+    rng = np.random.default_rng(11)
+    write_matrix(tmp_path / "m.mtx", np.eye(6))
+    for triangle in (np.tril, np.triu):
+        full = CHAIN.toarray() + np.diag(rng.uniform(0, 1, 6))
+        half, whole = tmp_path / f"half{ending}", tmp_path / f"whole{ending}"
+        write_matrix(half, triangle(full))
+        write_matrix(whole, full + triangle(rng.normal(size=(6, 6))))
+        vv.Structure.read(tmp_path / "m.mtx", whole, whole)
+        refused = pytest.raises(vv.InputError, match=r"damping: .* one side of the diagonal only")
+        with refused:
+            vv.Structure.read(tmp_path / "m.mtx", whole, half)
+        for given in (triangle(full), csc_array(triangle(full))):
+            with pytest.warns(vv.StabilityWarning, match=r"stiffness: .* pass both triangles"):
+                vv.Structure(mass=np.ones(6), stiffness=given)
+
+
 @pytest.mark.parametrize("dashpots", [False, True])
 def test_a_reduced_structure_moves_as_a_small_one(tmp_path, dashpots):
     steel = plate(8, 8, length=1.2, width=1.0, thickness=0.01, young=2e11, density=7800.0)

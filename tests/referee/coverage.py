@@ -35,7 +35,6 @@ NOTHING_TO_JUDGE = {
     "Trajectory.dof_units": "units, as the system names them",
     "Trajectory.rate_units": "units, as the system names them",
     "Trajectory.reason": "tests/python/test_law_ends.py: the edge of each law, by SciPy",
-    "Structure.read": "tests/python/test_structure_files.py writes and reads",
     "Structure.write": "tests/python/test_structure_files.py writes and reads",
     "Structure.n_coordinates": _WHOLE,
     "Structure.rate_units": _WHOLE,

@@ -1,8 +1,8 @@
-"""What is written is read again and compared with the result; Datasets against attributes."""
+"""Tables and Datasets against attributes of the result; matrices in files, whole or damaged."""
 
 import numpy as np
 
-from referee.case import Case, Claim, few
+from referee.case import Case, Claim, few, numbers
 
 JUDGES = (
     "Result", "Result.to_csv", "Result.to_dataset", "Response.to_dataset", "Branch.to_dataset", "Branch.label",
@@ -11,7 +11,7 @@ JUDGES = (
     "Trajectory.to_dataset", "Trajectory.plan", "Trajectory.dof_names",
     "Spectrum.to_dataset", "ScalesResponse.to_dataset", 
     "ScalesResponse.nearest",
-    "ScalesMotion.to_dataset",
+    "ScalesMotion.to_dataset", "Structure.read",
 )  # fmt: skip
 _DUFFING = 'system = vv.PolynomialSystem(mass=1, stiffness=1, damping={c}, forces="0.5*x^3")\n'
 _PENDULUM = "system = vv.Pendulum(e=0.1, w2=0.4, w3=0.8, alpha=0.5, c1={c}, c2={c}, c3={c}, m01={p}, p2=0.37)\n"
@@ -43,8 +43,46 @@ _KINDS = (
 )  # fmt: skip
 
 
+def _matrices(rng):
+    """A chain in Matrix Market files: declared and stored alike, doubly or by half."""
+    n = int(rng.integers(2, 7))
+    springs = [few(rng, 0.5, 2, 3) for _ in range(n + 1)]
+    full = np.diag(springs[:-1]) + np.diag(springs[1:])
+    full -= np.diag(springs[1:-1], 1) + np.diag(springs[1:-1], -1)
+    declared = ("general", "symmetric")[rng.integers(2)]
+    stored = (full, np.tril(full), np.triu(full))[rng.integers(3)]
+    sound = (declared == "general") == (stored is full)
+    entries = [f"{i + 1} {j + 1} {stored[i, j]!s}" for i, j in np.argwhere(stored)]
+    omega = few(rng, 0.01, 0.2)
+    call = f"""import pathlib, tempfile
+head, entries = "%%MatrixMarket matrix coordinate real ", {entries}
+with tempfile.TemporaryDirectory() as folder:
+    mass, stiffness = (pathlib.Path(folder) / name for name in ("m.mtx", "k.mtx"))
+    mass.write_text(head + "general\\n{n} {n} {n}\\n" + "".join(f"{{i}} {{i}} 1.0\\n" for i in range(1, {n + 1})))
+    stiffness.write_text("\\n".join([head + "{declared}", "{n} {n} {len(entries)}", *entries]))
+    try:
+        system, refused = vv.Structure.read(mass, stiffness), ""
+    except vv.InputError as error:
+        system, refused = None, str(error)
+if system is not None:
+    r = vv.forced_response(system, [{omega}], load={numbers(np.eye(n)[0])}, method="linear")
+    amplitude = abs(r.coefficients[0, :, 0])
+"""
+
+    def judge(names, told):
+        yield Claim("refused", bool(names["refused"]), not sound)
+        if names["system"] is not None:
+            true = np.abs(np.linalg.solve(full - omega**2 * np.eye(n), np.eye(n)[0]))
+            yield Claim("amplitude of matrices read", names["amplitude"], true, 1e-11 * true.max())
+
+    return Case(call, judge)
+
+
 def case(rng, index):
-    """Draw a result and write it."""
+    """Draw a result and write it, or matrices and read them."""
+    if index % (len(_KINDS) + 2) >= len(_KINDS):
+        return _matrices(rng)
+    index %= len(_KINDS) + 2
     system, made, columns, variables = _KINDS[index % len(_KINDS)]
     given = {"c": few(rng, 0.03, 0.1, 2), "p": few(rng, 0.02, 0.2, 2)}
     if "Pendulum" in system:

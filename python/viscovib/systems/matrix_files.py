@@ -98,7 +98,13 @@ def _matrix_market(name: str, file: Path, size: int) -> Any:
             entries = rows * columns if symmetry == "general" else rows * (rows - 1) // 2
         if _LEAST * entries > size:
             raise FileError(f"{name}: {file} is cut short: it says {entries} entries")
-        matrix = mmread(io.BytesIO(_checked(name, file, content, form, kind)), spmatrix=False)
+        content = _checked(name, file, content, form, kind)
+        one_triangle = form == "coordinate" and symmetry != "general"
+        if one_triangle:
+            content = content.replace(content.split(maxsplit=5)[4], b"general", 1)
+        matrix = mmread(io.BytesIO(content), spmatrix=False)
+        if one_triangle:
+            matrix = _mirrored(name, file, csc_array(matrix), symmetry)
     except (ValueError, OverflowError) as error:
         if isinstance(error, InputError):
             raise
@@ -107,6 +113,24 @@ def _matrix_market(name: str, file: Path, size: int) -> Any:
             raise FileError(f"{name}: {file} is cut short") from None
         raise FileError(f"{name}: {file} is no Matrix Market file ({why})") from None
     return matrix
+
+
+def _mirrored(name: str, file: Path, stored: Any, symmetry: str) -> Any:
+    """Return the whole matrix. The file stores each pair of entries once; twice would double it."""
+    entries = stored.tocoo()
+    row, column, values = entries.row, entries.col, entries.data
+    off = (row != column) & (values != 0)
+    n = np.int64(stored.shape[0])
+    twice = np.intersect1d(column[off] * n + row[off], row[off] * n + column[off])
+    if twice.size:
+        j, i = (int(place) + 1 for place in divmod(twice[0], n))
+        raise InputError(
+            f"{name}: {file} is declared {symmetry} but stores both ({i}, {j}) and ({j}, {i}): "
+            "store one triangle, or declare it general"
+        )
+    mirrored = values[off] if symmetry == "symmetric" else -values[off]
+    places = np.append(row, column[off]), np.append(column, row[off])
+    return csc_array((np.append(values, mirrored), places), shape=stored.shape)
 
 
 def _checked(name: str, file: Path, content: bytes, form: str, kind: str) -> bytes:
@@ -188,8 +212,7 @@ def _harwell_boeing(name: str, file: Path) -> Any:
         raise FileError(f"{name}: {file} has entries outside the matrix")
     matrix = csc_array((entered, places, pointers), shape=(rows, columns))
     if kind[1] == "S":
-        matrix = matrix + matrix.T
-        matrix.setdiag(matrix.diagonal() / 2)
+        matrix = _mirrored(name, file, matrix, "symmetric")
     return matrix
 
 

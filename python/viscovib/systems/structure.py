@@ -39,6 +39,7 @@ from viscovib.systems.structure_matrices import (
     modal_damping_of,
     stiffness_parts,
     told,
+    warn_of_triangle,
     with_elements,
 )
 from viscovib.systems.structure_rest import ModalDamping, Rest, dense_rest
@@ -111,7 +112,8 @@ class Structure:
     Warns
     -----
     StabilityWarning
-        If the integral of a kernel is not between 0 and 1.
+        If the integral of a kernel is not between 0 and 1, or the stiffness or damping matrix has
+        entries on one side of its diagonal only.
     """
 
     mass: npt.ArrayLike
@@ -144,6 +146,8 @@ class Structure:
         self._set("stiffness", matrix_of("stiffness", self.stiffness, n, sparse))
         self._set("damping", matrix_of("damping", self.damping, n, sparse))
         check_mass(mass)
+        warn_of_triangle("stiffness", self.stiffness)
+        warn_of_triangle("damping", self.damping)
         self._set("_modal", modal_damping_of(self, n))
         self._set("_layers", checked_layers(self.layers, n, sparse))
         names = tuple(f"x{d + 1}" for d in range(n)) if self.names is None else self.names
@@ -408,8 +412,8 @@ class Structure:
         Raises
         ------
         FileError, InputError
-            A file is missing, cut short, complex, of another type or size: one line that names
-            it.
+            A file is missing, cut short, complex, of another type or size, or it stores one
+            triangle twice or not at all: one line that names it.
 
         Examples
         --------

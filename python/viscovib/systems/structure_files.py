@@ -15,7 +15,7 @@ from viscovib.common.files import whole_file
 from viscovib.common.parameters import FilePath
 from viscovib.errors import FileError, InputError
 from viscovib.systems.matrix_files import put_matrix_market, read_matrix
-from viscovib.systems.structure_matrices import is_sparse
+from viscovib.systems.structure_matrices import is_sparse, is_triangular
 
 #: What a file says it holds.
 _FORM = "viscovib structure 1"
@@ -37,6 +37,12 @@ def read_structure(mass: Any, stiffness: Any, damping: Any, options: dict[str, A
         n, own = matrices["mass"].shape[0], matrices[name].shape[0]
         if own != n:
             raise InputError(f"{name}: {path} has {own} rows, must have {n} as mass has")
+        if is_triangular(matrices[name]):
+            raise InputError(
+                f"{name}: {path} has entries on one side of the diagonal only: store both "
+                "triangles, or declare it symmetric; a coupling in one direction must be given as "
+                "an array (Structure)"
+            )
     return matrices | options
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
@@ -10,7 +11,7 @@ import numpy as np
 from viscovib import _native
 from viscovib._native import FloatArray
 from viscovib.common.counts import things
-from viscovib.errors import InputError
+from viscovib.errors import InputError, StabilityWarning, caller
 from viscovib.systems.elements import ElementTerms
 from viscovib.systems.spring_groups import square_matrix
 from viscovib.systems.structure_rest import ModalDamping
@@ -44,6 +45,29 @@ def matrix_of(name: str, value: Any, n: int | None, sparse: bool) -> Any:
     if given.ndim < 2:
         return checked_sparse(name, diags_array(np.atleast_1d(given)), n)
     return checked_sparse(name, square_matrix(name, given, n), n)
+
+
+def is_triangular(matrix: Any) -> bool:
+    """Whether entries off the diagonal are on one side of it only."""
+    if is_sparse(matrix):
+        places = matrix.tocoo()
+        below, above = (
+            places.data[side].any() for side in (places.row > places.col, places.row < places.col)
+        )
+    else:
+        below, above = np.tril(matrix, -1).any(), np.triu(matrix, 1).any()
+    return bool(below != above)
+
+
+def warn_of_triangle(name: str, matrix: Any) -> None:
+    """Warn of a matrix that looks like one triangle of a symmetric matrix."""
+    if is_triangular(matrix):
+        warnings.warn(
+            f"{name}: has entries on one side of the diagonal only; if it is one triangle of a "
+            "symmetric matrix, pass both triangles",
+            StabilityWarning,
+            stacklevel=caller(),
+        )
 
 
 def told(structure: Any) -> str:
