@@ -143,6 +143,8 @@ contains
       gone(pair%own) = .true.
     end do
     self%pairs = self%pairs(:n_pairs)
+    ! Without pairs the whole matrix is factorized, and `left` remains empty.
+    if (n_pairs == 0) return
     self%left = pack([(i, i=1, self%n)], .not. gone)
     place(self%left) = [(i, i=1, size(self%left))]
     if (allocated(self%rest)) deallocate (self%rest, self%left_pivots)

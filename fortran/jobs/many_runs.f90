@@ -108,7 +108,7 @@ contains
           frequency = pendulum%parameters%frequency(max(self%sections, 1))
         else
           frequency = self%frequency(i)
-          if (i == 1 .or. self%place == of_parameter) then
+          if (i == 1 .or. allocated(self%varied)) then
             call self%system_of(i, system, status)
             if (.not. status%failed()) call new_polynomial_motion(motion, system, &
                                                                   self%subject%load, 0.0_wp, status)
@@ -190,7 +190,7 @@ contains
     type(polynomial_type), intent(out) :: system
     type(status_type), intent(out) :: status
 
-    if (self%place == of_parameter) then
+    if (allocated(self%varied)) then
       call self%varied%make(self%values(i), system, status)
     else
       call set_ok(status)
@@ -226,7 +226,7 @@ contains
     call set_ok(status)
     kind_of = 1
     allocate (known(0))
-    do i = 1, merge(size(kind_of), 0, self%place == of_parameter)
+    do i = 1, merge(size(kind_of), 0, allocated(self%varied))
       call self%motion_of(i, motion, status)
       if (status%failed()) return
       kind_of(i) = place_of_form(known, motion)
@@ -364,7 +364,7 @@ contains
       frequencies = other%drives
     else
       scales = 1.0_wp
-      if (self%place == of_parameter) then
+      if (allocated(self%varied)) then
         call self%motion_of(i, its, status)
         if (status%failed()) return
         call its%set_scales(1, scales)

@@ -18,6 +18,7 @@ MANY = (
   sections=1 n_periods=4 discard=2 tolerance=1e-9 /
 """
 )
+STATES = ("z", "z_dot", "phi", "phi_dot", "psi", "psi_dot")
 PENDULA = """&pendulum e=0.1 w2=0.4 w3=0.8 alpha=0.5 c1=0.01 f0=0.002 p1=1.02 /
 &ensemble vary='p1' from=0.9 to=1.1 count=3 initial=0.1 0 0 0 0 0 t_end=10 /
 """
@@ -113,6 +114,30 @@ def test_a_frequency_that_varies(solve, tmp_path):
 
         run = solve_ivp(rates, (0, 10), [0.1, 0], "DOP853", rtol=1e-12, atol=1e-13)
         assert z == pytest.approx(run.y[0, -1], abs=2e-8)
+
+
+def test_every_number_of_a_pendulum_varies(solve, tmp_path):
+    """The rows of each number are those of Python's ensemble, which names the numbers by itself."""
+    rng = np.random.default_rng(6)
+    given = {
+        "e": 0.1, "w2": 0.4, "w3": 0.8, "alpha": 0.5, "c1": 0.01, "c2": 0.02, "c3": 0.03,
+        "f0": 0.002, "m01": 0.001, "m02": 0.003, "p1": 1.02, "p2": 0.5, "p3": 0.9,
+    }  # fmt: skip
+    text = "&pendulum " + " ".join(f"{key}={value!r}" for key, value in given.items()) + " /\n"
+    for name, value in given.items():
+        values = np.linspace(value, value * rng.uniform(1.1, 1.3), 3).tolist()
+        group = (
+            f"&ensemble vary='{name}' from={values[0]!r} to={values[-1]!r} count=3\n"
+            "  initial=0.1 0 0.2 0 0.1 0.05 t_end=4 dt=0.02 /\n"
+        )
+        table = _run(solve, tmp_path, text + group)
+        np.testing.assert_allclose(table[name], values, rtol=1e-15)
+        many = vv.simulate_ensemble(
+            vv.Pendulum(**given), t_end=4, dt=0.02, initial=[0.1, 0, 0.2, 0, 0.1, 0.05],
+            parameters={name: table[name]},
+        )  # fmt: skip
+        found = np.column_stack([table[column] for column in STATES])
+        np.testing.assert_allclose(found, many.state, rtol=0, atol=1e-12)
 
 
 @pytest.mark.parametrize(

@@ -5,7 +5,7 @@ import re
 import numpy as np
 import pytest
 import viscovib as vv
-from scipy.sparse import csc_array, random_array, save_npz
+from scipy.sparse import csc_array, eye_array, random_array, save_npz
 from viscovib.systems.matrix_files import read_matrix, write_matrix
 
 HARWELL = """\
@@ -57,6 +57,7 @@ WRONG = {
         "hello\n": "is no Matrix Market file",
         BANNER + "2 2 3\n1 1 1.0\n2 2 1.0\n": "is cut short",
         BANNER + "2 2 300000000000\n1 1 1.0\n": "is cut short: it says 300000000000 entries",
+        BANNER + "2000000 2000000 1\n1 1 1.0\n": "it is 2000000 x 2000000, must have 1 to 1000000",
         BANNER + "2 3 1\n1 1 1.0\n": "is 2 x 3, must be square",
         BANNER + "2 2 1\n3 1 1.0\n": "is no Matrix Market file",
         BANNER + "2 2 1\n1 1 x\n": "a.mtx, line 3: '1 1 x' must be row, column and number",
@@ -160,6 +161,82 @@ def test_npz_of_something_else(tmp_path):
     (tmp_path / "b.npz").write_bytes(whole[: len(whole) // 2])
     with pytest.raises(vv.FileError, match=r"mass: .*b.npz cannot be read"):
         read_matrix("mass", tmp_path / "b.npz")
+
+
+FORMATS = ("csc", "csr", "coo", "bsr", "dia")
+
+
+def damaged(rng, parts):
+    """Change one array of a .npz file: an entry, its type, its length or its dimensions."""
+    key = str(rng.choice(sorted(parts)))
+    array = parts[key].copy()
+    how = rng.integers(6)
+    if how < 3 and array.size and array.dtype.kind in "iuf":
+        array.reshape(-1)[rng.integers(array.size)] = rng.choice([-5, -1, 7, 99, 10**6, 2**30])
+    elif how == 3 and array.dtype.kind in "iuf":
+        array = array.astype(rng.choice(["f8", "c16", "i1", "u8", ">i8", "U3", "f2"]))
+    elif how == 4:
+        array = array.reshape(-1)[: array.size // 2]
+    elif how == 5:
+        array = array[np.newaxis]
+    return parts | {key: array}
+
+
+@pytest.mark.filterwarnings("ignore:stiffness. has entries on one side")
+def test_a_damaged_matrix_is_read_whole_or_refused(tmp_path):
+    """Indices outside the matrix, other types and lengths: a line, or entries that are there."""
+    rng = np.random.default_rng(11)
+    file = tmp_path / "k.npz"
+    refused = 0
+    for i in range(200):
+        n = int(rng.integers(2, 7))
+        matrix = random_array((n, n), density=0.4, rng=rng) + eye_array(n)
+        whole = i % 3 == 0
+        if whole:
+            vv.Structure(mass=eye_array(n, format="csc"), stiffness=csc_array(matrix)).write(file)
+        else:
+            save_npz(file, matrix.asformat(FORMATS[i % 5]))
+        with np.load(file) as held:
+            parts = {key: held[key] for key in held.files}
+        np.savez(file, **damaged(rng, parts))
+        try:
+            found = vv.Structure.read(file).stiffness if whole else read_matrix("stiffness", file)
+        except vv.ViscovibError:
+            refused += 1
+        else:
+            found = csc_array(found)
+            assert found.dtype == float
+            assert found.indices.min(initial=0) >= 0
+            assert found.indices.max(initial=0) < found.shape[0]
+            assert (np.diff(found.indptr) >= 0).all()
+    assert 50 < refused < 180
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"indices": np.array([0, -5])}, "it has entries outside the matrix"),
+        ({"indices": np.array([0.0, 1.0])}, "indices must be whole numbers in a row"),
+        ({"indptr": np.array([0, 5, 0])}, "indptr must begin with 0 and must not decrease"),
+        ({"data": np.array(["a", "b"])}, "its numbers are of type <U1, must be real"),
+        ({"shape": np.array([2_000_000, 2])}, "it is 2000000 x 2, must have 1 to 1000000 rows"),
+        ({"shape": np.array(2)}, "shape must be two whole numbers"),
+        ({"format": np.array("lil")}, "it holds no sparse matrix"),
+    ],
+)
+def test_arrays_of_a_matrix_are_checked(tmp_path, change, message):
+    parts = {
+        "format": np.array("csc"), "shape": np.array([2, 2]), "data": np.ones(2),
+        "indices": np.array([0, 1]), "indptr": np.array([0, 1, 2]),
+    }  # fmt: skip
+    np.savez(tmp_path / "k.npz", **parts)
+    np.testing.assert_array_equal(read_matrix("mass", tmp_path / "k.npz").toarray(), np.eye(2))
+    np.savez(tmp_path / "k.npz", **(parts | change))
+    with pytest.raises(vv.FileError, match=re.escape(message)):
+        read_matrix("mass", tmp_path / "k.npz")
+    np.savez(tmp_path / "k.npz", **parts, colour=np.eye(2), form=np.array("viscovib structure 1"))
+    with pytest.raises(vv.FileError, match="cannot be read"):
+        vv.Structure.read(tmp_path / "k.npz")
 
 
 def test_missing_files_and_other_names(tmp_path):

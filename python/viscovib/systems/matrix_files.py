@@ -3,18 +3,22 @@
 import io
 import os
 import re
+import struct
 import zipfile
+import zlib
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from scipy.io import mminfo, mmread, mmwrite
-from scipy.sparse import coo_array, csc_array, load_npz, save_npz
+from scipy.sparse import bsr_array, coo_array, csc_array, csr_array, dia_array, save_npz
 
 from viscovib._native import shown
 from viscovib.common.files import whole_file
 from viscovib.common.parameters import FilePath
 from viscovib.errors import FileError, InputError
+from viscovib.systems.sparse_pencil import MOST
 
 #: Fewest characters that an entry of a text file takes: a digit and what ends it.
 _LEAST = 2
@@ -30,6 +34,21 @@ _WHOLE, _REAL = rb"[+-]?\d++", rb"[+-]?(?:\d++\.?\d*+|\.\d++)(?:[eEdD][+-]?\d++)
 _PLACES = {"coordinate": rb"\d++[ \t]++\d++[ \t]++", "array": b""}
 #: SciPy knows exponents of double precision, as Fortran writes them, no more than signs "+".
 _EXPONENTS = bytes.maketrans(b"dD", b"ee")
+
+#: The arrays of SciPy's sparse formats: the numbers, then what says where they are.
+_PARTS = {
+    "csc": ("data", "indices", "indptr"),
+    "csr": ("data", "indices", "indptr"),
+    "bsr": ("data", "indices", "indptr"),
+    "dia": ("data", "offsets"),
+    "coo": ("data", "row", "col"),
+}
+_FORMATS: dict[str, Any] = {"csc": csc_array, "csr": csr_array, "bsr": bsr_array}
+#: What NumPy and Python's archives raise for a damaged file.
+_DAMAGED = (
+    ValueError, KeyError, EOFError, TypeError, RuntimeError, SyntaxError, OverflowError,
+    zipfile.BadZipFile, zlib.error, struct.error,
+)  # fmt: skip
 
 
 def read_matrix(name: str, path: str | os.PathLike[str]) -> Any:
@@ -94,6 +113,7 @@ def _matrix_market(name: str, file: Path, size: int) -> Any:
             raise InputError(f"{name}: {file} holds a pattern without values, must be real")
         if rows != columns:
             raise InputError(f"{name}: {file} is {rows} x {columns}, must be square")
+        _check_size(rows, columns)
         if form == "array":
             entries = rows * columns if symmetry == "general" else rows * (rows - 1) // 2
         if _LEAST * entries > size:
@@ -161,13 +181,72 @@ def _checked(name: str, file: Path, content: bytes, form: str, kind: str) -> byt
     return content[:start] + body.translate(_EXPONENTS, b"+")
 
 
-def _npz(name: str, file: Path) -> Any:
+def arrays_of(name: str, file: Path) -> dict[str, np.ndarray]:
+    """Return the arrays of a .npz file; objects, which may run code, are refused."""
     try:
-        with open(file, "rb") as opened:
-            return load_npz(opened)
-    except (ValueError, KeyError, EOFError, zipfile.BadZipFile, NotImplementedError) as error:
-        why = "it holds no sparse matrix" if isinstance(error, KeyError) else _first_line(error)
-        raise FileError(f"{name}: {file} cannot be read ({why})") from None
+        with open(file, "rb") as opened, np.load(opened, allow_pickle=False) as held:
+            return {part: held[part] for part in held.files}
+    except _DAMAGED as error:
+        raise FileError(f"{name}: {file} cannot be read ({_first_line(error)})") from None
+
+
+def sparse_of(parts: Mapping[str, Any], form: str, shape: tuple[int, int]) -> Any:
+    """Return a matrix from the arrays of one of SciPy's sparse formats, all of them checked.
+
+    SciPy's constructors accept indices outside the matrix, which end in a segmentation fault.
+    Whatever is wrong is a ValueError.
+    """
+    if form not in _PARTS:
+        raise ValueError("it holds no sparse matrix")
+    if lacking := [key for key in _PARTS[form] if key not in parts]:
+        raise ValueError(f"it lacks {lacking[0]}")
+    data, *indices = (parts[key] for key in _PARTS[form])
+    if data.dtype.kind not in "iufb":
+        raise ValueError(f"its numbers are of type {data.dtype}, must be real")
+    for key, array in zip(_PARTS[form][1:], indices, strict=True):
+        if array.dtype.kind not in "iu" or array.ndim != 1:
+            raise ValueError(f"{key} must be whole numbers in a row")
+    _check_size(*shape)
+    data, indices = data.astype(float), [array.astype(np.int64) for array in indices]
+    if form in ("csc", "csr", "bsr"):
+        within, starts = indices
+        if data.ndim != (3 if form == "bsr" else 1):
+            raise ValueError(f"data has {data.ndim} dimensions")
+        most = shape[0] if form == "csc" else shape[1]
+        if form == "bsr":
+            most //= max(data.shape[2], 1)
+        if starts.size == 0 or starts[0] != 0 or (np.diff(starts) < 0).any():
+            raise ValueError("indptr must begin with 0 and must not decrease")
+        if within.min(initial=0) < 0 or within.max(initial=-1) >= most:
+            raise ValueError("it has entries outside the matrix")
+        return _FORMATS[form]((data, within, starts), shape=shape)
+    if form == "dia":
+        if np.abs(indices[0]).max(initial=0) > max(shape):
+            raise ValueError("it has entries outside the matrix")
+        return dia_array((data, indices[0]), shape=shape)
+    return coo_array((data, tuple(indices)), shape=shape)
+
+
+def _check_size(rows: int, columns: int) -> None:
+    if min(rows, columns) < 1 or max(rows, columns) > MOST:
+        raise ValueError(f"it is {rows} x {columns}, must have 1 to {MOST} rows")
+
+
+def _npz(name: str, file: Path) -> Any:
+    parts = arrays_of(name, file)
+    try:
+        form = parts["format"].item() if "format" in parts and parts["format"].size == 1 else ""
+        form = form.decode("latin-1") if isinstance(form, bytes) else form
+        shape = parts["shape"] if form in _PARTS and "shape" in parts else np.zeros(2, dtype=int)
+        if shape.shape != (2,) or shape.dtype.kind not in "iu":
+            raise ValueError("shape must be two whole numbers")
+        if "coords" in parts and form == "coo":
+            if parts["coords"].ndim != 2 or len(parts["coords"]) != 2:
+                raise ValueError("coords must have two rows")
+            parts |= dict(zip(("row", "col"), parts["coords"], strict=True))
+        return csc_array(sparse_of(parts, form, (int(shape[0]), int(shape[1]))))
+    except ValueError as error:
+        raise FileError(f"{name}: {file} cannot be read ({_first_line(error)})") from None
 
 
 def _harwell_boeing(name: str, file: Path) -> Any:

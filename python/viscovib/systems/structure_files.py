@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import zipfile
 from collections.abc import Sequence
 from contextlib import ExitStack
 from pathlib import Path
@@ -11,15 +10,26 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from viscovib._native import shown
 from viscovib.common.files import whole_file
 from viscovib.common.parameters import FilePath
 from viscovib.errors import FileError, InputError
-from viscovib.systems.matrix_files import put_matrix_market, read_matrix
+from viscovib.systems.matrix_files import (
+    arrays_of,
+    put_matrix_market,
+    read_matrix,
+    sparse_of,
+)
 from viscovib.systems.structure_matrices import is_sparse, is_triangular
 
 #: What a file says it holds.
 _FORM = "viscovib structure 1"
 _MATRICES = ("mass", "stiffness", "damping")
+_SPARSE = ("data", "indices", "indptr")
+#: What it may hold besides sparse matrices.
+_PARTS = {
+    *_MATRICES, "modal_damping", "rayleigh", "base_direction", "loss_factor", "names", "units",
+}  # fmt: skip
 
 
 def read_structure(mass: Any, stiffness: Any, damping: Any, options: dict[str, Any]) -> Any:
@@ -57,26 +67,33 @@ def _whole(file: Path) -> dict[str, Any]:
     if file.exists() and not file.is_file():
         raise FileError(f"mass: {file} is not a file")
     try:
-        with open(file, "rb") as opened, np.load(opened, allow_pickle=False) as held:
-            parts = {name: held[name] for name in held.files}
+        parts = arrays_of("mass", file)
     except OSError as error:
+        if isinstance(error, FileError):
+            raise
         why = error.strerror or "it is no .npz file"
         raise FileError(f"mass: {file} cannot be read ({why})") from None
     except MemoryError:
         raise InputError(f"mass: {file} holds more than fits into memory") from None
-    except (ValueError, EOFError, zipfile.BadZipFile, KeyError) as error:
-        why = " ".join(str(error).split())[:120]
-        raise FileError(f"mass: {file} cannot be read ({why})") from None
     if str(parts.pop("form", "")) != _FORM:
         raise FileError(f"mass: {file} holds no structure; was it written by Structure.write?")
     found: dict[str, Any] = {}
     for name in _MATRICES:
-        if f"{name}.data" in parts:
-            data, places, starts = (parts.pop(f"{name}.{k}") for k in ("data", "indices", "indptr"))
-            n = starts.size - 1
-            found[name] = csc_array((data, places, starts), shape=(n, n))
+        own = {key: parts.pop(f"{name}.{key}") for key in _SPARSE if f"{name}.{key}" in parts}
+        if not own:
+            continue
+        n = own["indptr"].size - 1 if "indptr" in own else 0
+        try:
+            found[name] = csc_array(sparse_of(own, "csc", (n, n)))
+        except ValueError as error:
+            why = " ".join(str(error).split())[:120]
+            raise FileError(f"mass: {file} cannot be read ({name}: {why})") from None
+    if unknown := sorted(parts.keys() - _PARTS):
+        raise FileError(f"mass: {file} cannot be read (it holds {shown(unknown[0])})")
     for name, value in parts.items():
         found[name] = value.tolist() if value.dtype.kind == "U" or value.ndim == 0 else value
+    if lacking := [name for name in ("mass", "stiffness") if name not in found]:
+        raise FileError(f"mass: {file} cannot be read (it lacks {lacking[0]})")
     return found
 
 
