@@ -238,6 +238,14 @@ def shown(value: object) -> str:
     return text if len(text) <= 60 else text[:57] + "..."
 
 
+def letters(name: str, text: str) -> bytes:
+    """Return a text as bytes for the core, which would end at a NUL character."""
+    if "\0" in text:
+        raise InputError(f"{name} = {shown(text)}: must have no NUL character")
+    # A letter that no file can hold has no bytes of its own.
+    return text.encode("utf-8", "backslashreplace")
+
+
 def call(routine: Callable[..., tuple[Any, ...]], *arguments: object) -> tuple[Any, ...]:
     """Call a flat routine and turn its status into an exception."""
     found = routine(*arguments)

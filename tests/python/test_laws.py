@@ -1,6 +1,7 @@
 """Force laws with functions: derivatives, and motions against SciPy and against polynomials."""
 
 import warnings
+from pathlib import Path
 
 import mpmath
 import numpy as np
@@ -118,6 +119,54 @@ def test_wrong_laws(text, told):
     """One line that says what is wrong, and what was meant."""
     with pytest.raises(vv.InputError, match=told):
         vv.Spring(on="x", law=text)
+
+
+SCENE = Path(__file__).parents[2] / "data/scenes/duffing_branch.nml"
+
+
+@pytest.mark.parametrize(
+    "entry",
+    [
+        lambda text: vv.Spring(on="x", law=text.replace("x", "d")),
+        lambda text: vv.PolynomialSystem(mass=1, stiffness=1, forces=text),
+        lambda text: vv.simulate(
+            vv.PolynomialSystem(mass=1, stiffness=1), 1, initial=[1, 0], events=text
+        ),
+        lambda text: vv.simulate_ensemble(
+            vv.PolynomialSystem(mass=1, stiffness=1, forces=f"k*{text}", parameters={"k": 1}),
+            t_end=1, initial=[1, 0], parameters={"k": [1, 2]},
+        ),
+        lambda text: vv.MountPoint(
+            name="a", position=(0, 0, 0), stiffness=(1, 1, 1),
+            law=(text.replace("x", "d"), None, None),
+        ),
+        lambda text: vv.Structure(mass=[1.0], stiffness=[[1.0]], names=[text]),
+        lambda text: vv.Scene.read(SCENE).override({"scene.title": text}),
+        lambda text: vv.Scene.read(SCENE).override({"force(1).on": text}),
+    ],
+)  # fmt: skip
+@pytest.mark.parametrize("text", ["x\0+x", "\0x", "x^3\0", "sin(x)\0 + x"])
+def test_a_nul_character_ends_no_text(entry, text):
+    """Whatever stands behind it would be left out silently."""
+    with pytest.raises(vv.InputError, match="must have no NUL character") as error:
+        entry(text)
+    assert "\0" not in str(error.value)
+
+
+@pytest.mark.parametrize("text", ["0x10*x", "1_000*x", "1.5_0*x^2", "1e1_0*x", "0b1*x", "x # y"])
+def test_numbers_of_python_are_none(text, tmp_path):
+    """As in a scene, which the driver reads."""
+    with pytest.raises(vv.InputError, match=r"is found where|must be"):
+        vv.PolynomialSystem(mass=1, stiffness=1, forces=text)
+    scene = tmp_path / "a.nml"
+    scene.write_text(
+        "&system coordinates='x', mass=1, stiffness=1 /\n&load amplitude=1 /\n"
+        f"&force on='x', law='{text}' /\n&response nu=1 /\n"
+    )
+    with pytest.raises(vv.InputError):
+        vv.Scene.read(scene)
+    x_2 = vv.PolynomialSystem(mass=1, stiffness=1, names=["x_2"], forces="0.5e1*x_2^3 + 1E-1*x_2^2")
+    assert x_2.groups[0].forces == {(0, (3,)): 5.0, (0, (2,)): 0.1}
 
 
 @pytest.mark.parametrize("text", ["0.3*tanh(x) + 0.1*x*abs(x)", "0.3*x^3 + 0.1*x^2"])

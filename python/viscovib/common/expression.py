@@ -16,6 +16,8 @@ MAX_DEGREE = 15
 _MAX_LENGTH = 20_000
 _MAX_TERMS = 20_000
 _MAX_PRODUCTS = 4_000_000
+#: What Python reads and scenes do not: 0x10, 1_000, and a comment.
+_OF_PYTHON = re.compile(r"(?<![A-Za-z_\d])\.?\d[\d.]*(?:[eE][+-]?\d+)?[_xXoObB]|#")
 
 
 def expand(where: str, text: str, names: Sequence[str]) -> Polynomial:
@@ -25,6 +27,8 @@ def expand(where: str, text: str, names: Sequence[str]) -> Polynomial:
     """
     if len(text) > _MAX_LENGTH:
         raise InputError(f"{where}: {len(text)} characters, must be at most {_MAX_LENGTH}")
+    if _OF_PYTHON.search(text):
+        raise InputError(f"{where} = {_short(text)}: numbers must be decimal, as 16 or 1.5e3")
     try:
         # A product written without its sign is the likeliest slip.
         tree = ast.parse(re.sub(r"\^", "**", re.sub(r"\s", " ", text).strip()), mode="eval")

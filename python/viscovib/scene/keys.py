@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from viscovib._native import letters
 from viscovib.errors import InputError, near_name
 
 #: A value as the compiled reader writes it: a text, its quotes doubled, or a number.
@@ -74,6 +75,8 @@ def with_key(groups: Mapping[str, Any], key: str, value: Any) -> dict[str, Any]:
     before = group[entry]
     if isinstance(value, np.generic):
         value = value.item()
+    if isinstance(value, str):
+        letters(key, value)
     listed = isinstance(before, list)
     if (element == 0) == listed or element > (len(before) if listed else 0):
         size = f"a list of {len(before)}, must be named as {entry}(1)" if listed else "one value"

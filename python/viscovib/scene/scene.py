@@ -133,7 +133,9 @@ class Scene:
         groups: Mapping[str, Any] = {**self.groups, "sweep": []}
         for key, value in values.items():
             groups = with_key(groups, key, value)
-        changes = ", ".join(f"{key} = {value}" for key, value in values.items())
+        changes = ", ".join(
+            f"{key} = {' '.join(f'{value}'.split())[:60]}" for key, value in values.items()
+        )
         name = f"{self.path} with {changes}" if changes else f"{self.path}"
         try:
             text = _canonical_text(name, namelist_text(groups))
@@ -512,7 +514,7 @@ def _canonical(path: str | os.PathLike[str], allow_paths: bool) -> str:
 
 
 def _canonical_text(name: str, text: str) -> str:
-    return read_text(core.scene_canonical_of_text, name.encode(), text.encode())
+    return read_text(core.scene_canonical_of_text, name.encode(), _native.letters("scene", text))
 
 
 def read_text(routine: Callable[..., tuple[Any, ...]], *given: bytes | int) -> str:

@@ -201,8 +201,7 @@ def compile_law(
         raise InputError(f"{where}: {len(text)} characters, must be at most {_MAX_LENGTH}")
     names = list(parameters)
     shown = repr(text if len(text) <= 60 else text[:57] + "...")
-    # A letter that no file can hold has no bytes of its own.
-    letters = text.encode("utf-8", "backslashreplace")
+    letters = _native.letters(where, text)
     try:
         code, number, n, parity, degree = _native.call(
             core.law_compile, letters, _fields(arguments), len(arguments),
@@ -241,7 +240,7 @@ def compile_many(
     None: with some of them there is no such law.
     """
     values = np.array(list(parameters.values())).reshape(len(parameters), n)
-    letters = text.encode("utf-8", "backslashreplace")
+    letters = _native.letters("law", text)
     room = min(len(text) + 1, _MAX_CODE)
     names = _fields(list(parameters))
     code, number, lengths, _, _, slopes, flaws = _native.in_parts(

@@ -143,6 +143,8 @@ def texts_of(name: str, value: Any, n: int) -> tuple[str, ...]:
     words = tuple(value) if len(value) == n else ()
     if len(words) != n or not all(isinstance(word, str) for word in words):
         raise InputError(f"{name} = {_native.shown(value)}: must be {n} texts, one per coordinate")
+    for word in words:
+        _native.letters(name, word)
     return words
 
 
