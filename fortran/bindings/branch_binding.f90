@@ -17,7 +17,8 @@ subroutine mount_branch(flat, n_flat, kind_x, data_x, n_x, kind_phi, data_phi, n
                         leave, begin, begin_p, along, n_unknowns, n_judged, n_kept, max_special, &
                         cancel, n_points, ended, n_used, p, iterations, error, off, kept, &
                         truncation, missed, coefficients, is_stop, n_folds, &
-                        folds, fold_errors, fold_coefficients, n_branch_points, branch_points, &
+                        folds, fold_errors, fold_coefficients, fold_coefficient_errors, &
+                        n_branch_points, branch_points, &
                         branch_errors, branch_point_x, across, branch_before, stable, growing, &
                         multipliers, exponents, n_crossings, kinds, before, crossings, &
                         crossing_errors, crossing_coefficients, allowed, status)
@@ -71,6 +72,7 @@ subroutine mount_branch(flat, n_flat, kind_x, data_x, n_x, kind_phi, data_phi, n
   real(c_double), intent(out) :: folds(max_special), fold_errors(max_special)
   real(c_double), intent(out) :: branch_points(max_special), branch_errors(max_special)
   complex(c_double_complex), intent(out) :: fold_coefficients(n_kept, n_rows - 1, max_special)
+  real(c_double), intent(out) :: fold_coefficient_errors(max_special)
   real(c_double), intent(out) :: branch_point_x(n_unknowns, max_special)
   real(c_double), intent(out) :: across(n_unknowns + 1, max_special)
   integer(c_int), intent(out) :: branch_before(max_special)
@@ -102,7 +104,7 @@ subroutine mount_branch(flat, n_flat, kind_x, data_x, n_x, kind_phi, data_phi, n
   type(harmonic_set_type) :: set
   real(c_double), allocatable :: motions(:, :, :)
   real(c_double), allocatable :: vector(:)
-  integer :: i, j, found, shape_x(2)
+  integer :: i, j, found
   logical :: varied
 
   n_points = 0
@@ -142,7 +144,6 @@ subroutine mount_branch(flat, n_flat, kind_x, data_x, n_x, kind_phi, data_phi, n
       call follow_response(curve, plan, options, branch, set, found, cancel=cancel(1))
     end if
     n_used = size(set%orders)
-    shape_x = [2*n_used, n_rows - 1]
     if (found == outcome_converged) then
       n_points = branch%n_points
       kept(:n_points) = branch%kept(:n_points)/(2*(n_rows - 1))
@@ -160,6 +161,7 @@ subroutine mount_branch(flat, n_flat, kind_x, data_x, n_x, kind_phi, data_phi, n
       n_folds = min(branch%folds%n, max_special)
       folds(:n_folds) = branch%folds%p(:n_folds)
       fold_errors(:n_folds) = branch%folds%error(:n_folds)
+      fold_coefficient_errors(:n_folds) = branch%folds%error_x(:n_folds)
       call to_complex(branch%folds%x(:, :n_folds), fold_coefficients(:n_used, :, :n_folds))
       n_branch_points = min(branch%branch_points%n, max_special)
       associate (n => n_branch_points)
@@ -176,7 +178,7 @@ subroutine mount_branch(flat, n_flat, kind_x, data_x, n_x, kind_phi, data_phi, n
     end if
     if (n_judged > 0 .and. n_points > 0) then
       call new_judge(judge, system, set)
-      motions = reshape(branch%x(:, :n_points), [shape_x, n_points])
+      motions = reshape(branch%x(:, :n_points), [2*n_used, n_rows - 1, n_points])
       if (varied) then
         call judge_systems(judge, curve, nu, p(:n_points), motions, stability, cancel(1))
       else

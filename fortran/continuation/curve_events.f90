@@ -4,8 +4,8 @@ module viscovib_curve_events
   use viscovib_constants, only: pi
   use viscovib_curve, only: curve_type
   use viscovib_curve_corrector, only: correct, corrector_type, null_vector
-  use viscovib_curve_point, only: copy_point, curve_point, new_point
-  use viscovib_curve_rounding, only: place_error
+  use viscovib_curve_point, only: copy_point, curve_point, metric, new_point
+  use viscovib_curve_rounding, only: fold_error, fold_place
   use viscovib_kinds, only: wp
   use viscovib_sized_curve, only: refitted
   implicit none
@@ -19,6 +19,9 @@ module viscovib_curve_events
   integer, parameter :: max_turns = 60
   !> From so near a value of p, relative, Newton's method at that value finds the point meant.
   real(wp), parameter :: near_enough = 1.0e-6_wp
+  !> Error of a fold along the curve, relative, and the width of a bracket, as a part of the first
+  !! one, that rounding errors of dp/ds make no narrower.
+  real(wp), parameter :: fold_tolerance = 1.0e-15_wp, narrowest = 1.0e-10_wp
   !> Relative distance of parameters at folds that are one.
   real(wp), parameter :: same = 1.0e-10_wp
   !> Points by which the determinant is interpolated, and the least left of them.
@@ -37,6 +40,8 @@ module viscovib_curve_events
     integer :: n = 0, blocks = 1
     !> p, shape (n), how far off it is, where that is known, and x, shape (n_unknowns, n).
     real(wp), allocatable :: p(:), error(:), x(:, :)
+    !> Error of x at folds, relative to its size, shape (n).
+    real(wp), allocatable :: error_x(:)
     !> Null vectors (x, p) at branch points, shape (n_unknowns + 1, n).
     real(wp), allocatable :: across(:, :)
     !> The point of the branch before it.
@@ -63,8 +68,8 @@ contains
     !> Unknowns at most, and blocks they come in.
     integer, intent(in) :: n, blocks
     points%blocks = blocks
-    allocate (points%p(0), points%error(0), points%x(n, 0), points%across(n + 1, 0), &
-              points%before(0))
+    allocate (points%p(0), points%error(0), points%error_x(0), points%x(n, 0), &
+              points%across(n + 1, 0), points%before(0))
   end subroutine empty
 
   !> Where dp/ds vanishes.
@@ -77,21 +82,23 @@ contains
     type(special_points), intent(inout) :: folds
     !> The step to it, or `nowhere`.
     real(wp), intent(out) :: at
-    type(curve_point) :: found
-    real(wp) :: nothing(curve%n + 1), error
+    type(fold_place) :: fold
+    real(wp) :: nothing(curve%n + 1), error, error_x
 
-    call bracket_fold(curve, c, here, step, found, at)
+    call bracket_fold(curve, c, here, step, fold, at)
     if (at >= nowhere) return
-    if (folds%n > 0) then
-      ! Of two flips of a sign next to a fold the second finds it again.
-      if (abs(found%p - folds%p(folds%n)) <= same*abs(found%p) &
-          .and. norm2(found%x - refitted(folds%blocks, folds%x(:, folds%n), curve%n)) &
-          <= sqrt(same)*norm2(found%x)) at = nowhere
-    end if
-    if (at >= nowhere) return
-    call place_error(curve, c, found, error)
-    nothing = 0.0_wp
-    call keep(folds, found, nothing, error)
+    associate (found => fold%point)
+      if (folds%n > 0) then
+        ! Of two flips of a sign next to a fold the second finds it again.
+        if (abs(found%p - folds%p(folds%n)) <= same*abs(found%p) &
+            .and. norm2(found%x - refitted(folds%blocks, folds%x(:, folds%n), curve%n)) &
+            <= sqrt(same)*norm2(found%x)) at = nowhere
+      end if
+      if (at >= nowhere) return
+      call fold_error(curve, c, here, fold, 0.1_wp*step, error, error_x)
+      nothing = 0.0_wp
+      call keep(folds, found, nothing, error, error_x)
+    end associate
   end subroutine locate_fold
 
   !> Where the determinant vanishes, and the null vector there.
@@ -108,41 +115,43 @@ contains
     call bracket_branch_point(curve, c, here, step, found, at)
     if (at >= nowhere) return
     call null_vector(curve, c, here, found, across)
-    call keep(branch_points, found, across, 0.0_wp)
+    call keep(branch_points, found, across, 0.0_wp, 0.0_wp)
   end subroutine locate_branch_point
 
-  subroutine keep(points, found, across, error)
+  subroutine keep(points, found, across, error, error_x)
     type(special_points), intent(inout) :: points
     type(curve_point), intent(in) :: found
-    real(wp), intent(in) :: across(:), error
+    real(wp), intent(in) :: across(:), error, error_x
     integer :: most, n
     most = size(points%x, 1)
     n = size(found%x)
     points%n = points%n + 1
     points%p = [points%p, found%p]
     points%error = [points%error, error]
+    points%error_x = [points%error_x, error_x]
     points%x = reshape([points%x, refitted(points%blocks, found%x, most)], [most, points%n])
     points%across = reshape([points%across, refitted(points%blocks, across(:n), most), &
                              across(n + 1)], [most + 1, points%n])
     points%before = [points%before, 0]
   end subroutine keep
 
-  !> dp/ds by false position.
-  subroutine bracket_fold(curve, c, here, step, found, at)
+  !> The zero of dp/ds by the secant method within a bracket. The last secant step is a step along
+  !! the tangent, so that the error of the state is of second order too.
+  subroutine bracket_fold(curve, c, here, step, fold, at)
     class(curve_type), intent(inout) :: curve
     type(corrector_type), intent(inout) :: c
     type(curve_point), intent(in) :: here
     real(wp), intent(in) :: step
-    type(curve_point), intent(out) :: found
+    type(fold_place), intent(out) :: fold
     real(wp), intent(out) :: at
     type(curve_point) :: trial
-    real(wp) :: low, high, low_value, high_value
+    real(wp) :: low, high, low_value, high_value, width, before, value_before, value
     logical :: made
     integer :: k
 
     at = nowhere
     call new_point(trial, curve%n)
-    call new_point(found, curve%n)
+    call new_point(fold%point, curve%n)
     do k = 0, 3
       low = -margins(k)*step
       high = step - low
@@ -155,25 +164,52 @@ contains
       if (low_value*high_value < 0.0_wp) exit
     end do
     if (.not. low_value*high_value < 0.0_wp) return
+    width = high - low
+    before = merge(high, low, abs(low_value) < abs(high_value))
+    value_before = merge(high_value, low_value, abs(low_value) < abs(high_value))
+    fold%at = low + high - before
+    value = low_value + high_value - value_before
     do k = 1, max_turns
-      ! False position, kept off the ends; every third time the middle.
-      at = low + (high - low)*min(0.9_wp, max(0.1_wp, low_value/(low_value - high_value)))
-      if (mod(k, 3) == 0) at = 0.5_wp*(low + high)
+      at = fold%at - value*(fold%at - before)/(value - value_before)
+      if (.not. ((at - low)*(high - at) > 0.0_wp .and. &
+                 abs(at - fold%at) <= 0.5_wp*abs(fold%at - before))) at = 0.5_wp*(low + high)
       call correct(curve, c, here, at, trial, made, .true.)
       if (.not. made) exit
-      call copy_point(trial, found)
-      if (trial%slope_p*low_value > 0.0_wp) then
+      call copy_point(trial, fold%point)
+      before = fold%at
+      value_before = value
+      fold%at = at
+      value = trial%slope_p
+      if (value*low_value > 0.0_wp) then
         low = at
-        low_value = trial%slope_p
       else
         high = at
-        high_value = trial%slope_p
       end if
-      ! p is stationary here: an error of 1e-7 in place is one of 1e-14 in p.
-      if (abs(trial%slope_p) <= 1.0e-7_wp*abs(here%p) .or. high - low <= 1.0e-9_wp) exit
+      fold%bend = (value - value_before)/(at - before)
+      ! The next secant step leaves the product of the last two errors over the width.
+      if (abs(value*(at - before)) <= abs(fold%bend)*fold_tolerance*width &
+          .or. high - low <= narrowest*width) exit
     end do
-    if (.not. made .and. k == 1) at = nowhere
+    at = nowhere
+    if (.not. made .and. k == 1) return
+    at = fold%at
+    if (abs(value) <= abs(fold%bend)*(high - low)) call step_to_fold(c, here, fold)
   end subroutine bracket_fold
+
+  !> The last secant step, along the tangent.
+  subroutine step_to_fold(c, here, fold)
+    type(corrector_type), intent(in) :: c
+    type(curve_point), intent(in) :: here
+    type(fold_place), intent(inout) :: fold
+    real(wp) :: weight_x, weight_p, along
+    call metric(c, here, weight_x, weight_p)
+    associate (point => fold%point)
+      along = -point%slope_p/fold%bend/(weight_x*sum(c%weights*here%slope_x*point%slope_x) &
+                                        + weight_p*here%slope_p*point%slope_p)
+      point%x = point%x + along*point%slope_x
+      point%p = point%p + 0.5_wp*along*point%slope_p
+    end associate
+  end subroutine step_to_fold
 
   !> The determinant, and the curve, as polynomials in the step: at the zero itself
   !! the equations cannot be solved. Over a step as short as `follow_curve` makes it there,

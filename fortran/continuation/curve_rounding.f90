@@ -1,14 +1,14 @@
 !> How far off points of a curve are: by equations left out, and by rounding.
 module viscovib_curve_rounding
   use viscovib_curve, only: curve_type
-  use viscovib_curve_corrector, only: corrector_type, displace
-  use viscovib_curve_point, only: curve_point, metric, off_at_value
+  use viscovib_curve_corrector, only: correct, corrector_type, displace
+  use viscovib_curve_point, only: curve_point, metric, new_point, off_at_value
   use viscovib_kinds, only: wp
   use viscovib_sized_curve, only: sized_curve_type
   implicit none
   private
 
-  public :: truncation_shift, rounding_of, least_error, all_patterns, place_error
+  public :: truncation_shift, rounding_of, least_error, all_patterns, fold_error, fold_place
 
   !> The largest of so many ulps of unknowns tells how far rounding moves a solution.
   real(wp), parameter :: ulps = 4.0_wp
@@ -18,6 +18,12 @@ module viscovib_curve_rounding
   !! of these are tried, so that one at least does not cancel.
   real(wp), parameter :: usual_rounding = 4.0_wp*epsilon(1.0_wp)
   integer, parameter :: all_signs = 3
+
+  !> A fold: the point, the step to it, and the derivative of dp/ds by the step.
+  type :: fold_place
+    type(curve_point) :: point
+    real(wp) :: at = 0.0_wp, bend = 0.0_wp
+  end type fold_place
 
 contains
 
@@ -37,30 +43,64 @@ contains
     if (present(at_value)) at_value = off_at_value(c, point, off)
   end subroutine truncation_shift
 
-  !> How far unknowns left out, if their number is chosen, and rounding move the place of a fold: p
-  !! as it is moved on any plane that the curve crosses. For w, the left null vector of the
-  !! derivatives J by x, takes x out of J x + R_p p = r: p = w.r/(w.R_p).
-  subroutine place_error(curve, c, fold, moved)
+  !> Errors of a fold by unknowns left out, if their number is chosen, and by rounding: of p, and of
+  !! x relative to its size. Residuals r move a point by -M^-1 r, M being the bordered derivatives.
+  !! For w, the left null vector of the derivatives J by x, takes x out of J x + R_p p = r, that
+  !! moves p of the fold by w.r/(w.R_p). Its change along the curve moves the zero of dp/ds.
+  subroutine fold_error(curve, c, here, fold, apart, error, error_x)
     class(curve_type), intent(inout) :: curve
     !> With the derivatives at the fold.
-    type(corrector_type), intent(in) :: c
-    type(curve_point), intent(in) :: fold
-    !> In the unit of p.
-    real(wp), intent(out) :: moved
-    real(wp) :: pushed(curve%n), off(curve%n + 1), short, own, error, from_curve, rounded
+    type(corrector_type), intent(inout) :: c
+    !> Where the step to the fold begins.
+    type(curve_point), intent(in) :: here
+    type(fold_place), intent(in) :: fold
+    !> How far from the fold the change along the curve is found.
+    real(wp), intent(in) :: apart
+    !> In the unit of p, and relative.
+    real(wp), intent(out) :: error, error_x
+    type(curve_point) :: trial
+    real(wp), dimension(curve%n + 1) :: off, off_apart
+    real(wp) :: at_value, from_curve, rounded, short, short_apart, own, total
+    logical :: made
 
-    moved = 0.0_wp
+    call least_error(curve, c, fold%point, at_value, from_curve, rounded)
+    error = rounded
+    total = sum(c%weights*fold%point%x**2)
+    error_x = from_curve + rounded/abs(fold%bend) &
+              *sqrt(sum(c%weights*fold%point%slope_x**2)/max(total, tiny(total)))
     select type (curve)
     class is (sized_curve_type)
       if (curve%adaptive) then
-        call curve%left_out(fold%x, fold%p, pushed, short, own, .true.)
-        call displace(c, pushed, off)
-        moved = short*abs(off(curve%n + 1))
+        call push(fold%point, off, short, own)
+        error = max(error, short*abs(off(curve%n + 1)))
+        call new_point(trial, curve%n)
+        call correct(curve, c, here, fold%at + apart, trial, made, .true.)
+        if (.not. made) return
+        call push(trial, off_apart, short_apart, total)
+        off(:curve%n) = off(:curve%n) - (off_apart(curve%n + 1) - off(curve%n + 1)) &
+                        /(apart*fold%bend)*fold%point%slope_x
+        total = sum(c%weights*fold%point%x**2)
+        error_x = error_x + own + short*sqrt(sum(c%weights*off(:curve%n)**2) &
+                                             /max(total, tiny(total)))
       end if
     end select
-    call least_error(curve, c, fold, error, from_curve, rounded)
-    moved = max(moved, rounded)
-  end subroutine place_error
+    error_x = min(1.0_wp, error_x)
+
+  contains
+
+    !> How the unknowns left out move a point just corrected.
+    subroutine push(point, moved, by, size_of)
+      type(curve_point), intent(in) :: point
+      real(wp), intent(out) :: moved(:), by, size_of
+      real(wp) :: pushed(curve%n)
+      select type (curve)
+      class is (sized_curve_type)
+        call curve%left_out(point%x, point%p, pushed, by, size_of, .true.)
+      end select
+      call displace(c, pushed, moved)
+    end subroutine push
+
+  end subroutine fold_error
 
   !> How far off the rounding of the equations alone leaves a point, relative to its size: x at its
   !! value of p, and both from the curve. It is |J^-1| times the unit roundoff times the largest

@@ -79,3 +79,76 @@ def test_the_first_point_off_another_curve_tells_an_error():
         harmonics=9, max_points=5,
     )  # fmt: skip
     assert (left.error > 0).all()
+
+
+@pytest.mark.filterwarnings("ignore::viscovib.ConvergenceWarning")
+def test_motions_at_folds_are_exact():
+    """With one harmonic the amplitude a of Duffing's equation obeys a polynomial, z being a^2."""
+    judged = 0
+    for seed in range(30):
+        rng = np.random.default_rng(seed)
+        k3, c = rng.uniform(0.3, 2), 10 ** rng.uniform(-3, -0.7)
+        load, nu = c * rng.uniform(1.5, 3), rng.uniform(1.1, 2)
+        system = vv.PolynomialSystem(mass=1, stiffness=1, damping=c, forces=f"{k3!r}*x^3")
+        kept = {"harmonics": 1, "stability": False}
+
+        def load_squared(z, nu, c=c, k3=k3):
+            return z * ((1 - nu**2 + 0.75 * k3 * z) ** 2 + (c * nu) ** 2)
+
+        along_nu = vv.trace_response(system, (0.5, 2.5), load=load, **kept)
+        along_load = vv.trace_response(system, nu=nu, load=1, load_range=(0.01, 5), **kept)
+        with mpmath.workdps(30):
+            for branch in (along_nu, along_load):
+                for at, motion in zip(branch.folds, branch.fold_coefficients, strict=True):
+                    z = abs(motion[0, 0]) ** 2
+                    if branch is along_nu:
+                        root = mpmath.findroot(
+                            lambda z, nu: (
+                                load_squared(z, nu) - load**2,
+                                mpmath.diff(load_squared, (z, nu), (1, 0)),
+                            ),
+                            (z, at),
+                        )
+                        exact = root[1]
+                    else:
+                        root = [
+                            mpmath.findroot(lambda z: mpmath.diff(load_squared, (z, nu), (1, 0)), z)
+                        ]
+                        exact = mpmath.sqrt(load_squared(root[0], nu))
+                    assert abs(at / exact - 1) < 1e-14 / c, seed
+                    assert abs(abs(motion[0, 0]) / mpmath.sqrt(root[0]) - 1) < 1e-14 / c, seed
+                    judged += 1
+    assert judged > 60
+
+
+@pytest.mark.filterwarnings("ignore::viscovib.ConvergenceWarning")
+@pytest.mark.parametrize("load", [0.15, 0.3, 0.6])
+def test_motions_at_folds_are_as_far_off_as_estimated(load):
+    """By few harmonics against many."""
+    system = vv.PolynomialSystem(mass=1, stiffness=1, damping=0.1, forces="x^3 + 0.3*x^2")
+    few, many = (
+        vv.trace_response(system, (0.7, 2.8), load=load, harmonics=n, stability=False)
+        for n in (4, 25)
+    )
+    m = few.harmonics.size
+    for i in range(2):
+        size = np.linalg.norm(many.fold_coefficients[i])
+        off = np.linalg.norm(few.fold_coefficients[i] - many.fold_coefficients[i][:, :m]) / size
+        rest = np.linalg.norm(many.fold_coefficients[i][:, m:]) / size
+        error = few.fold_coefficient_errors[i]
+        assert off + rest == pytest.approx(error, rel=0.5)
+    assert (many.fold_coefficient_errors < 1e-11).all()
+
+
+def test_motions_at_folds_are_those_of_50_digits():
+    system = vv.PolynomialSystem(mass=1, stiffness=1, damping=0.1, forces="x^3")
+    for load, nu, first in (
+        (0.15, 1.379781873645623362, 1.079881870382868044),
+        (0.3, 1.779719524298573114, 1.670640253412805500),
+    ):
+        branch = vv.trace_response(system, (0.5, 2.2), load=load, harmonics=31, stability=False)
+        i = branch.folds.argmax()
+        assert branch.folds[i] == pytest.approx(nu, abs=branch.fold_errors[i])
+        error = branch.fold_coefficient_errors[i]
+        assert error < 1e-12
+        assert abs(branch.fold_coefficients[i, 0, 0]) == pytest.approx(first, rel=error)

@@ -99,12 +99,8 @@ class Balance:
                 return a
         return a if np.abs(change).max() <= 1e-9 * np.abs(a).max() else None
 
-    def fold(self, a: Array, nu: float, load: Array) -> float | None:
-        """Where d nu vanishes along the curve, near a motion: along its null vector."""
-        found = self._fold_along(a, nu, load)
-        return None if found is None else found[0]
-
-    def _fold_along(self, a: Array, nu: float, load: Array) -> tuple[float, Array] | None:
+    def fold(self, a: Array, nu: float, load: Array) -> tuple[float, Array] | None:
+        """Where d nu vanishes along the curve, near a motion, and the motion there."""
         # Newton on F = 0, F_a v = 0, l.v = 1 with second derivatives by differences.
         r, jac = self.residual(a, nu, load)
         v = np.linalg.svd(jac)[2][-1]

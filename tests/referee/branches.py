@@ -58,13 +58,17 @@ def _judge_points(model, names, load, tolerance, rng):
         return
     balance = Balance(model, min(2 * int(orders.max()) + 4, 31))
     start = balance.real(branch.fold_coefficients[i], orders)
-    own = balance.fold(start, float(branch.folds[i]), load_rows(balance, load))
-    if own is not None and abs(own / branch.folds[i] - 1) < 0.1:
+    found = balance.fold(start, float(branch.folds[i]), load_rows(balance, load))
+    if found is not None and abs(found[0] / branch.folds[i] - 1) < 0.1:
+        own, motion = found
         # Newton's method of the judge, by differences, knows the place to some 1e-11.
         admitted = 3 * branch.fold_errors[i] + 1e-10 * own
         yield Claim(
             "place of a fold", branch.folds[i], own, admitted, damage=max(1e-6, 10 * admitted / own)
         )
+        off = difference(branch.fold_coefficients[i], orders, balance.complex(motion))
+        admitted = 3 * branch.fold_coefficient_errors[i] + 1e-8
+        yield Claim("motion at a fold", 1 + off, 1.0, admitted, damage=max(1e-6, 10 * admitted))
 
 
 def _any(rng, index):

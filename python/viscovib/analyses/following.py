@@ -288,8 +288,8 @@ def _branch(
     """Give what the core found its names and units."""
     (
         n, ended, n_used, p, iterations, error, off, kept, truncation, missed, coefficients,
-        is_stop, n_folds, folds, fold_errors, fold_coefficients, n_branch, branch_p, branch_errors,
-        branch_x, across, branch_before, judged, growing, multipliers, exponents, n_crossings,
+        is_stop, n_folds, folds, fold_errors, fold_coefficients, fold_coefficient_errors, n_branch,
+        branch_p, branch_errors, branch_x, across, branch_before, judged, growing, multipliers, exponents, n_crossings,
         kinds, before, where, crossing_errors, crossing_coefficients, allowed,
     ) = found  # fmt: skip
     system, way, view, orders = shown.system, shown.way, shown.view, shown.orders
@@ -320,6 +320,7 @@ def _branch(
         folds=folds[:n_folds].copy(),
         fold_errors=fold_errors[:n_folds].copy(),
         fold_coefficients=at_folds,
+        fold_coefficient_errors=fold_coefficient_errors[:n_folds].copy(),
         branch_points=located_branch_points(
             places,
             branch_errors,

@@ -71,6 +71,9 @@ class Branch(PeriodicMotions, Curve):
         Estimated error of each, in the unit of what varies: what leaving out harmonics, and
         rounding, move it by.
     fold_coefficients : complex ndarray, shape (n_folds, n_dof, m)
+    fold_coefficient_errors : ndarray, shape (n_folds,)
+        Estimated error of the motion at each fold, relative to its size: of the harmonics left out
+        and of rounding.
     branch_points : tuple of BranchPoint
         Where others branch off: each may be given to `trace_response` as ``leave``.
     crossings : tuple of Crossing
@@ -134,6 +137,7 @@ class Branch(PeriodicMotions, Curve):
     folds: FloatArray
     fold_errors: FloatArray
     fold_coefficients: ComplexArray
+    fold_coefficient_errors: FloatArray
     branch_points: tuple[BranchPoint, ...]
     crossings: tuple[Crossing, ...]
     stops: npt.NDArray[np.intp]
@@ -313,6 +317,7 @@ class Branch(PeriodicMotions, Curve):
                 "outcome": self.outcome,
                 "folds": self.folds,
                 "fold_errors": self.fold_errors,
+                "fold_coefficient_errors": self.fold_coefficient_errors,
                 "plan": str(self.plan),
             },
         )
