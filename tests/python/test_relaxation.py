@@ -1,5 +1,7 @@
 """What is left of a step of strain, sums of kernels, and kernels at a temperature."""
 
+import math
+
 import mpmath as mp
 import numpy as np
 import pytest
@@ -144,3 +146,72 @@ def test_shift_laws():
 def test_a_sum_of_nothing_is_refused(given):
     with pytest.raises(vv.InputError, match="parts"):
         vv.SumKernel(parts=given)
+
+
+def singular_kernels(rng, count):
+    """Weakly singular kernels with relaxed stiffnesses of 0.05 to 0.9 at a rate of 0.01."""
+    for i in range(count):
+        alpha, left = rng.uniform(0.02, 0.98), rng.uniform(0.05, 0.9)
+        kind = (vv.RzhanitsynKernel, vv.RabotnovKernel, vv.AbelKernel)[i % 3]
+        given = {"alpha": alpha} if kind is vv.AbelKernel else {"alpha": alpha, "beta": 0.01}
+        size = abs(kind(amplitude=1.0, **given).transform(0.01))
+        yield kind(amplitude=(1 - left) / size, **given)
+
+
+def test_sums_of_exponentials_have_the_transform_of_the_kernel():
+    """The part of the integral before t_min is not lost."""
+    rng = np.random.default_rng(43)
+    for kernel in singular_kernels(rng, 24):
+        t_min, t_max = 10 ** rng.uniform(-9, -1), 10 ** rng.uniform(0.5, 3)
+        tolerance = 10 ** rng.uniform(-11, -3)
+        few = kernel.sum_of_exponentials(tolerance=tolerance, t_min=t_min, t_max=t_max)
+        assert few.error <= tolerance
+        assert few.transform_error <= few.error
+        mu = np.exp(rng.uniform(np.log(1 / t_max), np.log(2 * np.pi / t_min), 30))
+        exact = kernel.transform(mu)
+        miss = np.abs(few.transform(mu) - exact)
+        assert (miss <= (1.05 * few.error + 1e-14) * np.minimum(1, np.abs(exact))).all()
+    total = vv.SumKernel(parts=parts()[:3])
+    few = total.sum_of_exponentials(tolerance=1e-9, t_min=1e-4, t_max=100)
+    assert few.transform(2.0) == pytest.approx(total.transform(2.0), rel=1e-9)
+
+
+@pytest.mark.parametrize("t_min", [1e-3, 1e-8])
+def test_motions_with_a_sum_of_exponentials_are_those_with_the_kernel(t_min):
+    """Closed transform, and in time the run that computes with the kernel itself."""
+    kernel = vv.RzhanitsynKernel(amplitude=0.048, alpha=0.1, beta=0.05)
+    few = kernel.sum_of_exponentials(tolerance=1e-8, t_min=t_min, t_max=100)
+    one = vv.PolynomialSystem(mass=1, stiffness=1, damping=0.01, kernel=few)
+    nu = np.array([0.6, 0.8])
+    hat = 0.048 * math.gamma(0.1) / (0.05 + 1j * nu) ** 0.1
+    exact = np.abs(0.1 / (1 - hat - nu**2 + 0.01j * nu))
+    found = vv.forced_response(one, nu, load=0.1, method="linear").amplitude("x")
+    assert found == pytest.approx(exact, rel=1e-7)
+    same = vv.PolynomialSystem(mass=1, stiffness=1, damping=0.01, kernel=kernel)
+    runs = [vv.simulate(s, 20, load=0.1, nu=0.6, dt=0.2).state for s in (one, same)]
+    assert runs[0] == pytest.approx(runs[1], abs=1e-8)
+
+
+def test_layers_with_very_fast_exponentials_have_no_defective_modes():
+    """Also in time, where modes were refused as defective; reference: one spring as an element."""
+    rng = np.random.default_rng(7)
+    for kernel in singular_kernels(rng, 18):
+        if kernel.integral >= 1:
+            continue
+        few = kernel.sum_of_exponentials(
+            tolerance=1e-8, t_min=10 ** rng.uniform(-12, -7), t_max=100
+        )
+        n = int(rng.integers(1, 4))
+        chain = 2 * np.eye(n) - np.eye(n, k=1) - np.eye(n, k=-1)
+        extra = np.diag(rng.uniform(0, 1, n)) * rng.integers(0, 2)
+        body = vv.Structure(
+            mass=np.eye(n), stiffness=extra, layers=[(chain, few)], rayleigh=(0.01, 0)
+        )
+        run = vv.simulate(body, 4, load={"x1": 0.1}, nu=0.8, dt=0.1)
+        free = np.array([-1j * 0.1 * np.eye(n)[0]]).T
+        assert run.outcome == "completed"
+        hat = complex(kernel.transform(0.8))
+        whole = extra + chain * (1 - hat) + (0.8j * 0.01 - 0.64) * np.eye(n)
+        steady = np.linalg.solve(whole, free)[0, 0]
+        found = vv.forced_response(body, [0.8], load={"x1": 0.1}, method="linear")
+        assert found.amplitude("x1")[0] == pytest.approx(abs(steady), rel=1e-6)

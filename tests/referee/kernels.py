@@ -119,7 +119,7 @@ integral = kernel.integral
 
 
 def _sum(rng, index):
-    source, _, value, _, _ = _power(rng, int(rng.integers(3)))
+    source, laplace, value, _, _ = _power(rng, int(rng.integers(3)))
     tolerance = float(f"{10 ** -rng.uniform(2, 13.9):.1e}")
     t_min = few(rng, 1e-4, 1e-1, 2)
     t_max = float(f"{t_min * 10 ** rng.uniform(1, 6):.2g}")
@@ -128,10 +128,12 @@ def _sum(rng, index):
     t_max = min(t_max, float(f"{max(60 / rate, 2 * t_min):.2g}")) if rate else t_max
     t = np.geomspace(t_min, t_max, 42)[:-1] * rng.uniform(1, 1.01)
     t = np.unique(np.clip(t, t_min, t_max))
+    mu = np.geomspace(1 / t_max, 6 / t_min, 12)
     call = f"""kernel = {source}
 fit = kernel.sum_of_exponentials(tolerance={tolerance}, t_min={t_min}, t_max={t_max})
 at = fit({numbers(t)})
 error, weights, rates = fit.error, fit.weights, fit.rates
+hats = fit.transform({numbers(mu)})
 """
 
     def judge(names, told):
@@ -144,6 +146,11 @@ error, weights, rates = fit.error, fit.weights, fit.rates
             # The rule of the reference itself, in ordinary numbers.
             lost = lost + 2e-13
         yield Claim("error of the sum", names["at"], true, (1.1 * names["error"] + lost) * true + 1e-300,
+                    limit=1.5, damage=max(1e-6, 20 * tolerance))  # fmt: skip
+        with mp.workdps(25):
+            of_mu = np.array([complex(laplace(mp.mpc(0, x))) for x in mu])
+        smaller = np.minimum(1, np.abs(of_mu))
+        yield Claim("transform of the sum", names["hats"], of_mu, (1.1 * names["error"] + 1e-13) * smaller,
                     limit=1.5, damage=max(1e-6, 20 * tolerance))  # fmt: skip
         met = bool(names["error"] <= 1.01 * tolerance + 1e-14 + 5e-16 * rate * t_max) or bool(told)
         yield Claim("tolerance met or told", met, True)

@@ -149,10 +149,15 @@ class Kernel(ABC):
     def sum_of_exponentials(
         self, *, tolerance: float = 1e-10, t_min: float, t_max: float
     ) -> ExponentialSum:
-        """R(t) as a short sum of exponentials with positive weights on [t_min, t_max].
+        """Replace the kernel by a short sum of exponentials with positive weights.
 
-        The trapezoidal rule over the logarithm of the rates (Beylkin and Monzon, 2010), its slow
-        end replaced by a Gauss rule; of a table the closest sum with positive weights.
+        The sum has R(t) at times from t_min to t_max and the transform at circular frequencies
+        from 1/t_max to 2 pi/t_min, so it includes the integral of R before t_min. Use it for
+        motions whose frequencies and step size are in that range.
+
+        The method is the trapezoidal rule over the logarithm of the rates (Beylkin and Monzon,
+        2010). Gauss rules replace its slow and its fast end. For a table it is the closest sum
+        with positive weights.
 
         Parameters
         ----------
@@ -164,7 +169,7 @@ class Kernel(ABC):
         Returns
         -------
         ExponentialSum
-            A PronyKernel that knows its measured ``error``.
+            A PronyKernel with its measured ``error``.
 
         Warns
         -----
@@ -175,13 +180,16 @@ class Kernel(ABC):
         first, last = _T_MIN.check(t_min), _T_MAX.check(t_max)
         if not 0 < first < last:
             raise InputError(f"t_min = {first:g}, t_max = {last:g}: must be 0 < t_min < t_max")
-        asked = wanted
+        asked, later = wanted, _LATER
         for _ in range(_TRIES):
-            found = self._measured_sum(asked, first, last)
+            found, misfit = self._measured_sum(asked, first, last, later)
             short = found.error / max(wanted, _SUM_ROUNDING)
             if short <= 1 or not self._meets:
                 break
-            asked = max(0.3 * asked / short, _LEAST_TOLERANCE)
+            if later == _LATER and misfit <= max(wanted, _SUM_ROUNDING):
+                later *= 3
+            else:
+                asked = max(0.3 * asked / short, _LEAST_TOLERANCE)
         if short > 1:
             warnings.warn(
                 f"the sum of exponentials meets {found.error:.1e}, not the tolerance {wanted:.1e}",
@@ -190,9 +198,11 @@ class Kernel(ABC):
             )
         return found
 
-    def _measured_sum(self, tolerance: float, first: float, last: float) -> ExponentialSum:
-        """Return a sum, and by how much it differs from the kernel at many times."""
-        weights, rates = self._exponentials(tolerance, first, last)
+    def _measured_sum(
+        self, tolerance: float, first: float, last: float, later: float
+    ) -> tuple[ExponentialSum, float]:
+        """Return a sum, with its error at many times and frequencies, and the error of R(t)."""
+        weights, rates = self._complete_exponentials(tolerance, first, last, later)
         if weights.size > _MOST_TERMS:
             raise InputError(
                 f"t_min = {first:g}, t_max = {last:g}: a sum to {tolerance:g} takes more than "
@@ -203,8 +213,34 @@ class Kernel(ABC):
         parts = np.array_split(times, -(-times.size * weights.size // _AT_A_TIME))
         close = np.concatenate([np.exp(-np.outer(part, rates)) @ weights for part in parts])
         scale = np.abs(exact) if (exact != 0).all() else np.abs(exact).max()
-        error = float((np.abs(close - exact) / scale).max()) if np.any(exact) else 0.0
-        return ExponentialSum(weights=weights, rates=rates, t_min=first, t_max=last, error=error)
+        misfit = float((np.abs(close - exact) / scale).max()) if np.any(exact) else 0.0
+        of_transform = self._transform_error(weights, rates, first, last)
+        # A table says nothing about R(t) beyond its last time, where its transform takes it as 0.
+        error = max(misfit, of_transform) if self._meets else misfit
+        found = ExponentialSum(
+            weights=weights, rates=rates, t_min=first, t_max=last, error=error,
+            transform_error=of_transform,
+        )  # fmt: skip
+        return found, misfit
+
+    def _transform_error(
+        self, weights: FloatArray, rates: FloatArray, first: float, last: float
+    ) -> float:
+        """Largest error of the transform of a sum, absolute or relative, whichever is larger."""
+        mu = np.geomspace(1 / last, 2 * np.pi / first, 200)
+        exact = self.transform(mu)
+        close = (weights / (rates + 1j * mu[:, np.newaxis])).sum(axis=1)
+        scale = np.minimum(np.abs(exact), 1)
+        return float((np.abs(close - exact) / scale).max()) if exact.any() else 0.0
+
+    def _complete_exponentials(
+        self, tolerance: float, first: float, last: float, later: float
+    ) -> tuple[FloatArray, FloatArray]:
+        """Weights and rates of a sum that includes the integral before ``first``."""
+        from viscovib.kernels.exponential_terms import EARLIER, with_early_part
+
+        weights, rates = self._exponentials(tolerance, EARLIER * first, later * last)
+        return with_early_part(self, weights, rates, tolerance, first)
 
     def _exponentials(
         self, tolerance: float, first: float, last: float
@@ -244,6 +280,8 @@ def _same_shape(values: npt.NDArray[Any], like: npt.NDArray[Any]) -> Any:
 #: exponentials taken at once.
 _T_MIN, _T_MAX = Number("t_min", 1e-100, 1e100), Number("t_max", 1e-100, 1e100)
 _MOST_TERMS, _AT_A_TIME = 4000, 2**22
+#: The sum of the core ends at this multiple of t_max, since 1/t_max is a frequency of the sum.
+_LATER = 3.0
 #: How often a sum is sought that meets a tolerance, how small a tolerance the core is asked for,
 #: and what rounding leaves of sums.
 _TRIES, _LEAST_TOLERANCE, _SUM_ROUNDING = 4, 1e-15, 1e-14
@@ -403,18 +441,27 @@ class PronyKernel(Kernel):
     def _scaled(self, unit: float) -> FloatArray:
         return self._data * unit
 
+    def _complete_exponentials(
+        self, tolerance: float, first: float, last: float, later: float
+    ) -> tuple[FloatArray, FloatArray]:
+        """The kernel itself."""
+        return np.asarray(self.weights), np.asarray(self.rates)
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ExponentialSum(PronyKernel):
-    """A sum of exponentials that stands for another kernel between two times.
+    """A sum of exponentials that replaces another kernel, from `Kernel.sum_of_exponentials`.
 
     Attributes
     ----------
     t_min, t_max : float
-        The times (s).
+        Shortest and longest time for which the sum is valid (s).
     error : float
-        Measured largest relative error there; relative to the largest value if the kernel
-        vanishes somewhere.
+        Measured largest relative error of R(t) from t_min to t_max (relative to the largest value
+        if R vanishes somewhere), or `transform_error` if that is larger. For a table: of R(t) only.
+    transform_error : float
+        Measured largest error of the transform at circular frequencies from 1/t_max to
+        2 pi/t_min, absolute or relative, whichever is larger.
 
     Examples
     --------
@@ -428,6 +475,7 @@ class ExponentialSum(PronyKernel):
     t_min: float
     t_max: float
     error: float
+    transform_error: float = float("nan")
 
 
 def _numbers(kernel: Kernel, *names: str) -> None:

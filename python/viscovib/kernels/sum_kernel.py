@@ -57,11 +57,11 @@ class SumKernel(Kernel):
     def _scaled(self, unit: float) -> FloatArray:
         return _joined([(part._kind, part._scaled(unit)) for part in self.parts])
 
-    def _exponentials(
-        self, tolerance: float, first: float, last: float
+    def _complete_exponentials(
+        self, tolerance: float, first: float, last: float, later: float
     ) -> tuple[FloatArray, FloatArray]:
         """Positive sums to a relative tolerance add up to one."""
-        found = [part._exponentials(tolerance, first, last) for part in self.parts]
+        found = [part._complete_exponentials(tolerance, first, last, later) for part in self.parts]
         return np.concatenate([w for w, _ in found]), np.concatenate([r for _, r in found])
 
 

@@ -108,8 +108,8 @@ class TabulatedKernel(Kernel):
             )
             warnings.warn(text, StabilityWarning, stacklevel=caller())
 
-    def _exponentials(
-        self, tolerance: float, first: float, last: float
+    def _complete_exponentials(
+        self, tolerance: float, first: float, last: float, later: float
     ) -> tuple[FloatArray, FloatArray]:
         """Least squares with weights >= 0 over a grid of rates, then over the rates too."""
         from scipy.optimize import least_squares, nnls

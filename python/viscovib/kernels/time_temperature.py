@@ -202,11 +202,12 @@ class ThermalKernel(Kernel):
     def _scaled(self, unit: float) -> FloatArray:
         return self.kernel._scaled(unit / self.slowness)
 
-    def _exponentials(
-        self, tolerance: float, first: float, last: float
+    def _complete_exponentials(
+        self, tolerance: float, first: float, last: float, later: float
     ) -> tuple[FloatArray, FloatArray]:
         slow = self.slowness
-        weights, rates = self.kernel._exponentials(tolerance, first / slow, last / slow)
+        first, last = first / slow, last / slow
+        weights, rates = self.kernel._complete_exponentials(tolerance, first, last, later)
         return weights / slow, rates / slow
 
 

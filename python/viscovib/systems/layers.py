@@ -94,7 +94,8 @@ def _directions(name: str, matrix: Any, kernel: Kernel) -> Sequence[ElementTerms
         if touched.size > _MOST_TOUCHED:
             raise InputError(
                 f"{name}: touches {touched.size} coordinates with a kernel that is no sum of "
-                f"exponentials, must be at most {_MOST_TOUCHED}; take its sum_of_exponentials()"
+                f"exponentials, must be at most {_MOST_TOUCHED}; "
+                "pass kernel.sum_of_exponentials(t_min=, t_max=)"
             )
         matrix = matrix[np.ix_(touched, touched)]
     dense: FloatArray = dense_of(matrix)
@@ -107,7 +108,7 @@ def _directions(name: str, matrix: Any, kernel: Kernel) -> Sequence[ElementTerms
     if kept.size > _MOST_DIRECTIONS:
         raise InputError(
             f"{name}: acts in {kept.size} directions with a kernel that is no sum of exponentials, "
-            f"must be at most {_MOST_DIRECTIONS}; take its sum_of_exponentials()"
+            f"must be at most {_MOST_DIRECTIONS}; pass kernel.sum_of_exponentials(t_min=, t_max=)"
         )
     found = []
     for j in kept:

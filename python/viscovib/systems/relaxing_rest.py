@@ -40,6 +40,8 @@ _LOST, _PROBES = 1e-7, (0.05, 0.7, 1.9, 11.0)
 
 #: Bits of products with layers; part of a rate within which a pole beside it moves nothing.
 _BITS, _BESIDE = 64.0, 1e-10
+#: Rates above this multiple of the fastest mode act as springs and dampers.
+_FAST = 1e5
 
 #: A stiffness matrix, and weights (1/s) and rates (1/s) of its kernel.
 Layer = tuple[FloatArray, FloatArray, FloatArray]
@@ -211,14 +213,17 @@ def relaxing_modes(
     n = mass.shape[0]
     idle = ~mass.any(axis=1)
     bodies = _bodies(mass, damping, stiffness, layers)
-    parts = [(*_factors(matrix), weights, rates) for matrix, weights, rates in layers]
+    slow, soft, damped = layers, stiffness, damping
+    if not idle.any():
+        slow, soft, damped = _without_fast_terms(mass, damping, stiffness, layers)
+    parts = [(*_factors(matrix), weights, rates) for matrix, weights, rates in slow]
     count = 2 * int((~idle).sum()) + sum(seen.shape[1] * rates.size for _, seen, _, rates in parts)
     if count > _MOST_STATES:
         raise InputError(
             f"layers: {count} states with what the layers remember, must be at most {_MOST_STATES} "
             "(fewer coordinates, layers of lower rank, kernels of fewer exponentials)"
         )
-    system = _States(mass, damping, stiffness, parts, idle, bodies)
+    system = _States(mass, damped, soft, parts, idle, bodies)
     poles, left, right, rows = system.modes()
     flexibility = None
     if idle.any():
@@ -233,17 +238,40 @@ def relaxing_modes(
     poles, left, right = refined_poles(poles, left, right, mass, damping, held, relaxing, more)
     poles[np.abs(poles) <= _RIGID * np.abs(poles).max(initial=0.0)] = 0.0
     remembered = []
-    matrices = [matrix for matrix, _, rates in layers for _ in rates]
-    for (a, b, (acts, seen), first), matrix in zip(system.places, matrices, strict=True):
-        # right^T/(pole + b), but for what does not move u.
-        beside = poles + b
-        moving = np.abs(beside) > _BESIDE * b
-        pushed = rows[:, first : first + seen.shape[1]] @ np.linalg.pinv(acts)
-        pushed[moving] = right.T[moving] / beside[moving, np.newaxis]
-        remembered.append(Remembered(float(a), float(b), None, matrix, pushed))
+    places = list(reversed(system.places))
+    for i, (matrix, weights, rates) in enumerate(layers):
+        for a, b in zip(weights, rates, strict=True):
+            # right^T/(pole + b), but for what does not move u.
+            beside = poles + b
+            moving = np.abs(beside) > _BESIDE * b
+            pushed = np.zeros((poles.size, n), dtype=complex)
+            if places and places[-1][:2] == (i, b):
+                *_, acts, first = places.pop()
+                pushed = rows[:, first : first + acts.shape[1]] @ np.linalg.pinv(acts)
+            pushed[moving] = right.T[moving] / beside[moving, np.newaxis]
+            remembered.append(Remembered(float(a), float(b), None, matrix, pushed))
     found = RelaxingModes(poles, left, right, flexibility, tuple(remembered), bodies, relaxing)
     _check(found, mass, damping, stiffness, layers, system.middle)
     return found
+
+
+def _without_fast_terms(
+    mass: FloatArray, damping: FloatArray, stiffness: FloatArray, layers: Sequence[Layer]
+) -> tuple[list[Layer], FloatArray, FloatArray]:
+    """Layers without terms of rates far above all modes, and K and C that include these terms.
+
+    w/(s + b) = w/b - s w/b^2 + ...: a softer spring and a damper. The poles near -b add less than
+    (s/b)^4 to the compliance. The refinement of the other poles uses all terms.
+    """
+    size = np.linalg.norm(np.linalg.solve(mass, stiffness)) ** 0.5
+    fast = _FAST * (size + np.linalg.norm(np.linalg.solve(mass, damping)))
+    slow = []
+    for matrix, weights, rates in layers:
+        one = rates > fast
+        slow.append((matrix, weights[~one], rates[~one]))
+        stiffness = stiffness - (weights[one] / rates[one]).sum() * matrix
+        damping = damping + (weights[one] / rates[one] ** 2).sum() * matrix
+    return slow, stiffness, damping
 
 
 def _factors(matrix: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -326,11 +354,11 @@ class _States:
         shown[:, :m] = out
         self.places = []
         held: list[tuple[int, FloatArray, FloatArray, float, float]] = []
-        for left, seen, weights, rates in parts:
+        for i, (left, seen, weights, rates) in enumerate(parts):
             for a, b in zip(weights, rates, strict=True):
                 first = int(starts[len(held)])
                 held.append((first, left, seen, a, b))
-                self.places.append((a, b, (left, seen), first))
+                self.places.append((i, b, left, first))
         for first, left, seen, a, b in held:
             rows = slice(first, first + seen.shape[1])
             matrix[rows, rows] -= b * np.eye(seen.shape[1])
