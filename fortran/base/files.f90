@@ -5,8 +5,7 @@ module viscovib_files
   implicit none
   private
 
-  public :: make_folder, replace_file, remove_file, stem, reason, real_path, place_of, &
-    ignore_file_limit
+  public :: make_folder, replace_file, remove_file, stem, reason, real_path, ignore_file_limit
 
   interface
     integer(c_int) function c_make_folder(path) bind(c, name='viscovib_make_folder')
@@ -37,13 +36,6 @@ module viscovib_files
       integer(c_int), value :: room
     end function c_real_path
 
-    integer(c_int) function c_place_of(path, text, room) bind(c, name='viscovib_place_of')
-      import :: c_char, c_int
-      character(kind=c_char), intent(in) :: path(*)
-      character(kind=c_char), intent(out) :: text(*)
-      integer(c_int), value :: room
-    end function c_place_of
-
     !> Writing beyond the largest size allowed is an error then, not the end of the program.
     subroutine ignore_file_limit() bind(c, name='viscovib_ignore_file_limit')
     end subroutine ignore_file_limit
@@ -62,13 +54,13 @@ contains
     code = c_make_folder(path//c_null_char)
   end subroutine make_folder
 
-  !> Put a finished file in the place of another in one step.
+  !> Put a finished file in the place of another in one step. A link is replaced, not followed.
   subroutine replace_file(from, to, status)
     character(len=*), intent(in) :: from, to
     type(status_type), intent(out) :: status
     if (c_rename(from//c_null_char, to//c_null_char) /= 0_c_int) then
       call remove_file(from)
-      call fail(status, status_io_error, 'file', to//': cannot be written (it is no regular file)')
+      call fail(status, status_io_error, 'file', to//': cannot be written (not a regular file)')
     end if
   end subroutine replace_file
 
@@ -97,19 +89,6 @@ contains
     n = c_real_path(path//c_null_char, text, len(text, c_int))
     real_path = text(:n)
   end function real_path
-
-  !> Where a file is put: a link leads on to what it names, which need not be there.
-  subroutine place_of(path, place, status)
-    character(len=*), intent(in) :: path
-    character(len=:), allocatable, intent(out) :: place
-    type(status_type), intent(out) :: status
-    character(len=4096) :: text
-    integer(c_int) :: n
-    n = c_place_of(path//c_null_char, text, len(text, c_int))
-    if (n < 0) call fail(status, status_io_error, 'out', path//': cannot be written (' &
-                         //reason(n)//')')
-    place = text(:max(n, 0))
-  end subroutine place_of
 
   !> File name without folder and without its last ending.
   pure function stem(path)

@@ -1,11 +1,10 @@
 /* All that the library wants of POSIX; the bounds of the driver are in app/limits.c.
 
    Files are opened as Fortran's own statements cannot: regular files only, names to the last blank,
-   no links followed where a file is made (viscovib_place_of follows them before). Failures are the negative of errno; not_regular for
+   no links followed where a file is made. Failures are the negative of errno; not_regular for
    what is there but is no file. */
 #include <errno.h>
 #include <fcntl.h>
-#include <limits.h>
 #include <pthread.h>
 #include <signal.h>
 #include <stdint.h>
@@ -54,29 +53,6 @@ int viscovib_read_and_close(int file, char *text, int64_t size) {
 }
 
 void viscovib_close(int file) { close(file); }
-
-/* Where a file to be written is put: a link leads on to what it names, which need not be there.
-   The length of the text, or why there is no such place. A name that a link gives is looked up
-   from where the link stands. */
-int viscovib_place_of(const char *path, char *text, int room) {
-  char named[PATH_MAX];
-  size_t n = strlen(path);
-  if (n >= (size_t)room) return -ENAMETOOLONG;
-  memcpy(text, path, n + 1);
-  for (int links = 0; links <= 40; links++) {
-    const char *slash = strrchr(text, '/');
-    size_t folder = 0;
-    ssize_t m = readlink(text, named, sizeof named);
-    /* No link, or nothing there: opening tells what else is wrong. */
-    if (m < 0) return (int)n;
-    if (named[0] != '/' && slash != NULL) folder = (size_t)(slash - text) + 1;
-    n = folder + (size_t)m;
-    if (n >= (size_t)room) return -ENAMETOOLONG;
-    memcpy(text + folder, named, (size_t)m);
-    text[n] = '\0';
-  }
-  return -ELOOP;
-}
 
 /* Make a new file to write into. What stands there under this name is removed first, and is not
    followed if it is a link. */
@@ -137,10 +113,10 @@ void viscovib_ignore_file_limit(void) { signal(SIGXFSZ, SIG_IGN); }
 /* 0, or not: it is there already, or cannot be made. */
 int viscovib_make_folder(const char *path) { return mkdir(path, 0777); }
 
-/* In one step; 0, or not. A device, a pipe or a link keeps its place. */
+/* In one step; 0, or not. A link is replaced; a device, a pipe or a link to one keeps its place. */
 int viscovib_replace(const char *from, const char *to) {
-  struct stat told;
-  if (lstat(to, &told) == 0 && !S_ISREG(told.st_mode)) return -1;
+  struct stat found;
+  if (stat(to, &found) == 0 && !S_ISREG(found.st_mode) && !S_ISDIR(found.st_mode)) return -1;
   return rename(from, to);
 }
 

@@ -6,7 +6,7 @@
 module viscovib_text_file
   use, intrinsic :: iso_c_binding, only: c_associated, c_char, c_int, c_int64_t, c_null_char, &
     c_null_ptr, c_ptr
-  use viscovib_files, only: place_of, reason, remove_file, replace_file
+  use viscovib_files, only: reason, remove_file, replace_file
   use viscovib_status, only: fail, show, status_input_error, status_io_error, status_type
   use viscovib_stopping, only: set_unfinished
   implicit none
@@ -17,13 +17,10 @@ module viscovib_text_file
   !> Longest text that is read (bytes).
   integer, parameter :: max_size = 100000000
 
-  !> A file in the making, beside the place where it will stand: it takes the
-  !! name asked for in one step at the end, whole, or is not there at all. A link
-  !! under that name stays, and the file is put where it leads.
+  !> A new file PATH.part, which takes the name PATH in one step at the end, whole,
+  !! or is removed. A link of either name is replaced and never followed.
   type :: text_writer
     character(len=:), allocatable, private :: path
-    !> Where that leads, if it is a link.
-    character(len=:), allocatable, private :: place
     type(c_ptr), private :: handle = c_null_ptr
     !> Why writing failed; 0: it did not.
     integer(c_int), private :: broken = 0
@@ -120,10 +117,8 @@ contains
     integer(c_int) :: why
 
     self%path = path
-    call place_of(path, self%place, status)
-    if (status%failed()) return
-    call set_unfinished(self%place//'.part')
-    self%handle = c_open_to_write(self%place//'.part'//c_null_char, why)
+    call set_unfinished(self%path//'.part')
+    self%handle = c_open_to_write(self%path//'.part'//c_null_char, why)
     if (.not. c_associated(self%handle)) then
       call fail(status, status_io_error, 'out', path//': cannot be written ('//reason(why)//')')
     end if
@@ -159,12 +154,12 @@ contains
     self%broken = c_close_written(self%handle, self%broken)
     self%handle = c_null_ptr
     if (self%broken /= 0) then
-      call remove_file(self%place//'.part')
+      call remove_file(self%path//'.part')
       call fail(status, status_io_error, 'out', self%path//': writing failed (' &
                 //reason(self%broken)//')')
       return
     end if
-    call replace_file(self%place//'.part', self%place, status)
+    call replace_file(self%path//'.part', self%path, status)
     call set_unfinished('')
   end subroutine finish
 

@@ -310,6 +310,6 @@ def test_a_pipe_in_the_place_of_a_table_stays(solve, tmp_path):
     os.mkfifo(tmp_path / "out/s_modes.csv")
     done = solve("s.nml", cwd=tmp_path)
     assert done.returncode == 3
-    assert "s_modes.csv: cannot be written (it is no regular file)" in done.stderr
+    assert "s_modes.csv: cannot be written (not a regular file)" in done.stderr
     assert (tmp_path / "out/s_modes.csv").is_fifo()
     assert len(list((tmp_path / "out").iterdir())) == 1

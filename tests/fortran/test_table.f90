@@ -59,7 +59,7 @@ contains
       call make_folder(scratch('table/b.csv'))
       call table%write(scratch('table'), 'b.csv', 'x', status)
       call check_fails(status, scratch('table/b.csv') &
-                       //': cannot be written (it is no regular file)')
+                       //': cannot be written (not a regular file)')
       call check(status%category == status_io_error, 'an i/o error')
       call check(read_scratch('table/b.csv.part') == '(none)', 'nothing left')
       call remove_file(scratch('table/b.csv'))

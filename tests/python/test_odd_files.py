@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 import viscovib as vv
+from viscovib.cli.commands import main
 
 SCENE = """&mount mass=1 inertia=0.1 offset=0.5 stiffness_x=10 stiffness_phi=2 /
 &load amplitude=0.1 /
@@ -88,6 +89,29 @@ def test_a_bound_on_the_size_of_files_is_told(tmp_path):
     assert [path.name for path in tmp_path.rglob("*") if path.is_file()] == ["scene.nml"]
 
 
+def test_a_full_disk_ends_a_sweep_with_one_line(tmp_path, capsys, monkeypatch):
+    """Whichever file it is that does not fit; with space again, the same command goes on."""
+    monkeypatch.chdir(tmp_path)
+    grid = "&sweep key='mount.mass', min=1, max=2, count=3 /\n"
+    (tmp_path / "scene.nml").write_text(SCENE + grid)
+    soft, most = resource.getrlimit(resource.RLIMIT_FSIZE)
+    files = set()
+    for bound in (100, 1000, 3000, 5000, 8000, 20000):
+        out = f"out{bound}"
+        resource.setrlimit(resource.RLIMIT_FSIZE, (bound, most))
+        try:
+            assert main(["sweep", "scene.nml", "--quiet", "--out", out]) == 3
+        finally:
+            resource.setrlimit(resource.RLIMIT_FSIZE, (soft, most))
+        (line,) = capsys.readouterr().err.splitlines()
+        assert "(File too large)" in line
+        files.add(line.partition(f"{out}/")[2].partition(" (")[0])
+        assert not list(Path(out).glob("*.part"))
+        assert main(["sweep", "scene.nml", "--quiet", "--out", out]) == 0
+    sweep = "scene_sweep.zarr: cannot be"
+    assert files >= {f"{sweep} used", f"{sweep} written", "scene_sweep.png: cannot be written"}
+
+
 BODY = vv.Body(
     mass=10, inertia=(0.1, 0.1, 0.1),
     mounts=[vv.MountPoint(name="foot", position=(0, 0, -0.1), stiffness=(1e5, 1e5, 2e5),
@@ -131,22 +155,20 @@ def test_a_full_disk_is_told_and_leaves_nothing(name, run, tmp_path):
     assert not list(tmp_path.iterdir())
 
 
-def test_a_link_is_written_through_and_stays(tmp_path):
-    """What is written to a link is in the file that it names, which need not be there before."""
-    (tmp_path / "there").mkdir()
-    run = vv.simulate(vv.PolynomialSystem(mass=1, stiffness=1), 1, initial=[1, 0])
-    for name in ("old.csv", "new.csv"):
-        link, target = tmp_path / name, tmp_path / "there" / name
-        link.symlink_to(Path("there") / name)
-        if name == "old.csv":
-            target.write_text("old")
-        run.to_csv(link)
-        assert link.is_symlink()
-        assert not target.is_symlink()
-        assert target.read_text().startswith("#")
-    assert {path.name for path in (tmp_path / "there").iterdir()} == {"old.csv", "new.csv"}
-    circle = tmp_path / "circle.csv"
-    circle.symlink_to(circle)
-    with pytest.raises(vv.FileError, match="cannot be written"):
-        run.to_csv(circle)
-    assert circle.is_symlink()
+@pytest.mark.parametrize("name", WRITERS)
+@pytest.mark.parametrize("leads", ["precious", "nothing", "itself"])
+def test_a_link_is_replaced_and_never_followed(name, leads, run, tmp_path):
+    """Neither that of the file nor that of the part from which it is made."""
+    precious = tmp_path / "precious"
+    precious.write_text("precious")
+    path = tmp_path / "out" / name
+    path.parent.mkdir()
+    path.symlink_to(path if leads == "itself" else tmp_path / leads)
+    stem, ending = name.split(".")
+    for part in (f"{name}.part", f"{stem}.part.{ending}"):
+        path.with_name(part).symlink_to(precious)
+    WRITERS[name](run, path)
+    assert not path.is_symlink()
+    assert path.stat().st_size > 0
+    assert precious.read_text() == "precious"
+    assert not (tmp_path / "nothing").exists()

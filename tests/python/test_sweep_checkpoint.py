@@ -1,18 +1,24 @@
 """Checkpoints of sweeps: nothing finished is lost or repeated, nothing broken is believed."""
 
+import _thread
 import fcntl
+import hashlib
+import json
 import os
+import pickle
 import shutil
 import signal
 import subprocess
 import sys
 import time
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
 import pytest
 import viscovib as vv
 import xarray as xr
+import zarr
 from processes import end_by_interrupt
 from viscovib.common import fingerprint
 
@@ -461,8 +467,6 @@ def test_killed_between_its_first_files_it_begins_again(tmp_path):
             file.unlink() if file.is_file() else file.rmdir()
         (folder / name).rmdir()
     # Before the variables are agreed upon their list is empty.
-    import json
-
     group = json.loads(about)
     group["attributes"]["viscovib_sweep"]["variables"] = None
     group.pop("consolidated_metadata", None)
@@ -518,3 +522,181 @@ def test_a_coordinate_that_is_gone_for_good_is_told(tmp_path):
     copy.write_text(copy.read_text()[:50])
     with pytest.raises(vv.ViscovibError, match="the values of a are gone and cannot be put right"):
         sweep(Counted(), GRID, checkpoint=folder, chunk=3)
+
+
+def everything(folder):
+    """All that is in a folder: files with their content, links with what they name."""
+    return {
+        path.relative_to(folder): os.readlink(path)
+        if path.is_symlink()
+        else path.read_bytes()
+        if path.is_file()
+        else path.lstat().st_mode
+        for path in sorted(folder.rglob("*"))
+    }
+
+
+def with_attributes(folder, change):
+    """Change what a checkpoint says of itself, in its metadata and in their copy."""
+    root, copy = folder / "zarr.json", folder / "point_outcome" / "copies.json"
+    held = json.loads(copy.read_text().partition("\n")[2])
+    change(held["attributes"]["viscovib_sweep"])
+    content = json.loads(root.read_text()) | {"attributes": held["attributes"]}
+    content.pop("consolidated_metadata", None)
+    root.write_text(json.dumps(content))
+    text = json.dumps(held)
+    copy.write_text(f"{hashlib.sha256(text.encode()).hexdigest()}\n{text}")
+
+
+def named_outside(folder, outside):
+    """Files of a variable with this name would be removed where points fail."""
+    for file in sorted((folder / "y").rglob("*"), reverse=True):
+        file.unlink() if file.is_file() else file.rmdir()
+    (folder / "y").rmdir()
+    name = f"{outside}/victim"
+
+    def change(about):
+        about["variables"][name] = about["variables"].pop("y")
+
+    with_attributes(folder, change)
+
+
+def linked(name, target):
+    """Put a link in the place of a file or a folder; what the copy restores is damaged too."""
+
+    def plant(folder, outside):
+        place = folder / name
+        if place.is_dir():
+            shutil.copytree(place, outside / "copied")
+            shutil.rmtree(place)
+        elif place.exists():
+            place.unlink()
+        place.parent.mkdir(parents=True, exist_ok=True)
+        place.symlink_to(str(target).format(outside=outside))
+        (folder / "wave" / "zarr.json").write_text("{}")
+
+    return plant
+
+
+def piped(name):
+    def plant(folder, outside):
+        (folder / name).unlink()
+        os.mkfifo(folder / name)
+
+    return plant
+
+
+#: What somebody else may have put into a checkpoint, whose identity is that of the sweep.
+HOSTILE = {
+    "file": linked("y/zarr.json", "{outside}/precious"),
+    "part": linked("wave/zarr.json.part", "{outside}/precious"),
+    "part of the group": linked("zarr.json.part", "{outside}/precious"),
+    "part of a seal": linked("point_outcome/seal/0/0.part", "{outside}/precious"),
+    "folder": linked("wave", "{outside}/copied"),
+    "folder of seals": linked("point_outcome/seal", "{outside}/copied"),
+    "seal": linked("point_outcome/seal/0/0", "/dev/zero"),
+    "chunk": linked("y/c/0/0", "/dev/zero"),
+    "copy": linked("point_outcome/copies.json", "/dev/zero"),
+    "group": linked("zarr.json", "/dev/zero"),
+    "pipe as chunk": piped("y/c/0/0"),
+    "pipe as copy": piped("point_outcome/copies.json"),
+    "pipe as group": piped("zarr.json"),
+    "pipe as seal": piped("point_outcome/seal/0/0"),
+    "name": named_outside,
+}
+
+
+@pytest.mark.parametrize("how", HOSTILE)
+def test_a_checkpoint_of_somebody_else_reaches_nothing_outside(tmp_path, how):
+    """Links, pipes and devices are refused in a line; nothing is read or written through them."""
+    outside, folder = tmp_path / "outside", tmp_path / "c"
+    sweep(Counted(), GRID, checkpoint=folder, chunk=3)
+    (outside / "victim" / "c" / "0").mkdir(parents=True)
+    for name in ("precious", "victim/c/0/0"):
+        (outside / name).write_text("precious")
+    HOSTILE[how](folder, outside)
+    before = everything(outside)
+    with pytest.raises(vv.FileError) as refused:
+        sweep(Counted(), GRID, checkpoint=folder, errors="keep")
+    assert str(refused.value).startswith(f"checkpoint = {folder}: ")
+    assert "\n" not in str(refused.value)
+    assert everything(outside) == before
+
+
+@pytest.mark.parametrize("damaged", ["y/zarr.json", "a/c/0", None])
+def test_nothing_is_written_before_the_identity_is_compared(tmp_path, damaged):
+    folder = tmp_path / "c"
+    sweep(Counted(3.0), GRID, checkpoint=folder, chunk=3)
+    if damaged is not None:
+        (folder / damaged).write_text("{")
+    before = everything(folder)
+    with pytest.raises(vv.InputError, match="holds another sweep"):
+        sweep(Counted(), GRID, checkpoint=folder)
+    (folder / "zarr.json").write_text("{")
+    before[Path("zarr.json")] = b"{"
+    with pytest.raises(vv.InputError, match="holds another sweep"):
+        sweep(Counted(), GRID, checkpoint=folder)
+    assert everything(folder) == before
+
+
+def test_the_copy_of_another_sweep_is_not_used(tmp_path):
+    """It is whole and of a like sweep: what it restored would be of that sweep."""
+    folder, other = tmp_path / "c", tmp_path / "other"
+    want = sweep(Counted(), GRID, checkpoint=folder, chunk=3).load()
+    sweep(Counted(3.0), {**GRID, "a": GRID["a"] + 0.5}, checkpoint=other, chunk=2)
+    shutil.copy(other / "point_outcome/copies.json", folder / "point_outcome/copies.json")
+    CALLS.clear()
+    assert sweep(Counted(), GRID, checkpoint=folder).load().identical(want)
+    assert not CALLS
+
+
+def test_a_checkpoint_is_never_unpickled(tmp_path):
+    """Version 2 of Zarr has a codec that executes what it reads: only version 3 is opened."""
+    folder, mark = tmp_path / "c", tmp_path / "executed"
+    sweep(Counted(), GRID, checkpoint=folder, chunk=3)
+
+    class Executed:
+        def __reduce__(self):
+            return (Path.touch, (mark,))
+
+    content = pickle.dumps(Executed())
+    meta = {
+        "zarr_format": 2, "shape": [8, 3], "chunks": [1, 3], "dtype": "|O", "fill_value": 0,
+        "order": "C", "compressor": None, "filters": [{"id": "pickle", "protocol": 5}],
+        "dimension_separator": "/",
+    }  # fmt: skip
+    for name in ("y", "point_outcome"):
+        (folder / name / "zarr.json").unlink()
+        (folder / name / ".zarray").write_text(json.dumps(meta))
+        (folder / name / "0").mkdir()
+        (folder / name / "0" / "0").write_bytes(content)
+    (folder / ".zgroup").write_text('{"zarr_format": 2}')
+    for file in ("point_outcome/copies.json", "zarr.json"):
+        with suppress(vv.ViscovibError):
+            sweep(Counted(), GRID, checkpoint=folder).load()
+        assert not mark.exists()
+        (folder / file).unlink()
+    with suppress(vv.ViscovibError):
+        sweep(Counted(), GRID, checkpoint=folder).load()
+    assert not mark.exists()
+
+
+@pytest.mark.parametrize("name", ["create_group", "open_group", "consolidate_metadata"])
+def test_a_stop_does_not_break_off_the_store(tmp_path, monkeypatch, name):
+    """At any time: a coroutine of Zarr that is made but never awaited is a warning at the end."""
+    if name == "open_group":
+        sweep(Counted(), GRID, checkpoint=tmp_path / "c")
+    own, ended = getattr(zarr, name), []
+
+    def stopped(*arguments, **options):
+        _thread.interrupt_main()
+        time.sleep(0.05)
+        ended.append(own(*arguments, **options))
+        return ended[-1]
+
+    monkeypatch.setattr(zarr, name, stopped)
+    with pytest.raises(KeyboardInterrupt):
+        sweep(Counted(), GRID, checkpoint=tmp_path / "c")
+    assert ended
+    monkeypatch.undo()
+    assert sweep(Counted(), GRID, checkpoint=tmp_path / "c").y[7, 2] == 20

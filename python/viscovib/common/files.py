@@ -1,4 +1,4 @@
-"""Files that are there whole or not at all."""
+"""Files that are written whole or not at all; only regular files are read."""
 
 import errno
 import os
@@ -7,81 +7,162 @@ import threading
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import IO
+from typing import IO, BinaryIO
 
 from viscovib.common.parameters import FilePath
 from viscovib.errors import FileError
 
-#: Threads that write one file do so one after the other, since they share what stands beside it.
+#: Threads that write one file do so one after the other, since its part has one name.
 _WRITING: dict[Path, threading.RLock] = {}
 
 
-def bytes_of(path: str, largest: int, what: str) -> bytes:
-    """Return all of a regular file: pipes, devices and what the system makes up have no end.
+@contextmanager
+def regular_file(path: str | os.PathLike[str], largest: int, what: str) -> Iterator[BinaryIO]:
+    """Open a regular file for reading: pipes, devices and files of /proc have no end.
 
-    ``largest``: bytes at most, of ``what`` the file must be.
+    ``largest``: bytes at most, of ``what`` the file must be. Errors of the system become a
+    `FileError`.
     """
     try:
-        # Not waiting for the other end of a pipe.
-        with open(os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0)), "rb") as file:
-            told = os.fstat(file.fileno())
-            if stat.S_ISDIR(told.st_mode):
-                raise FileError(f"{path}: cannot be read (Is a directory)")
-            if told.st_size > largest:
-                raise FileError(f"{path}: has more than {largest // 2**20} MB, must be {what}")
-            regular = stat.S_ISREG(told.st_mode)
-            content = file.read(told.st_size + 1) if regular else b""
-            if not regular or (content and not told.st_size):
-                raise FileError(f"{path}: cannot be read (not a regular file)")
-    except (OSError, ValueError) as error:
+        # A pipe without a writer would be waited for.
+        with open(os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC), "rb") as file:
+            _check_regular(file, path, largest, what)
+            yield file
+    except FileError:
+        raise
+    except OSError as error:
+        raise FileError(f"{path}: cannot be read ({error.strerror or error})") from None
+
+
+def bytes_of(path: str, largest: int, what: str) -> bytes:
+    """Return all of a regular file of ``largest`` bytes at most; ``what`` the file must be."""
+    try:
+        with regular_file(path, largest, what) as file:
+            return file.read(largest)
+    except ValueError as error:
         if isinstance(error, FileError):
             raise
-        why = getattr(error, "strerror", None) or error
-        raise FileError(f"{path}: cannot be read ({why})") from None
-    return content
+        raise FileError(f"{path}: cannot be read ({error})") from None
 
 
-def place_of(target: Path) -> Path:
-    """Return where a file is put: a link leads on to what it names, which need not be there.
+def _check_regular(file: BinaryIO, path: str | os.PathLike[str], largest: int, what: str) -> None:
+    found = os.fstat(file.fileno())
+    if stat.S_ISDIR(found.st_mode):
+        raise FileError(f"{path}: cannot be read (Is a directory)")
+    # A file that the system makes up while it is read has no size.
+    if not stat.S_ISREG(found.st_mode) or (found.st_size == 0 and file.read(1)):
+        raise FileError(f"{path}: cannot be read (not a regular file)")
+    if found.st_size > largest:
+        raise FileError(f"{path}: has more than {largest // 2**20} MB, must be {what}")
 
-    What is there and no file or folder is refused: it would be replaced.
+
+class Folder:
+    """A folder, opened once, whose files are read and replaced without following links.
+
+    Names are paths below the folder. A link in any part of such a path is refused by the system.
     """
+
+    def __init__(self, path: str | os.PathLike[str]) -> None:
+        self.path = Path(path)
+        self.handle = os.open(path, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
+
+    def close(self) -> None:
+        """Close the handle; a second time does nothing."""
+        if self.handle >= 0:
+            os.close(self.handle)
+        self.handle = -1
+
+    def read(self, name: str | os.PathLike[str], largest: int) -> bytes:
+        """Return all of a regular file."""
+        with self._parent(name) as (folder, last):
+            flags = os.O_RDONLY | os.O_NONBLOCK | os.O_NOFOLLOW | os.O_CLOEXEC
+            with open(os.open(last, flags, dir_fd=folder), "rb") as file:
+                _check_regular(file, self.path / name, largest, "smaller")
+                return file.read(largest)
+
+    def replace(self, name: str | os.PathLike[str], content: bytes) -> None:
+        """Put a file in its place whole; folders are made, and a link of this name is replaced."""
+        with self._parent(name, make=True) as (folder, last):
+            part = f"{last}.part"
+            flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW | os.O_CLOEXEC
+            try:
+                with suppress(FileNotFoundError):
+                    os.unlink(part, dir_fd=folder)
+                with open(os.open(part, flags, 0o666, dir_fd=folder), "wb") as file:
+                    file.write(content)
+                os.replace(part, last, src_dir_fd=folder, dst_dir_fd=folder)
+            finally:
+                with suppress(OSError):
+                    os.unlink(part, dir_fd=folder)
+
+    def check(self, largest: int) -> None:
+        """Raise a `FileError` that names a link, a pipe, a device or a file that is too large."""
+        for place, folders, names, handle in os.fwalk(".", dir_fd=self.handle):
+            for name in (*folders, *names):
+                found = os.lstat(name, dir_fd=handle)
+                regular, inside = stat.S_ISREG(found.st_mode), Path(place) / name
+                if not regular and not stat.S_ISDIR(found.st_mode):
+                    what = "a link" if stat.S_ISLNK(found.st_mode) else "no file"
+                    raise FileError(f"{self.path}: {inside} is {what}, must be a file or a folder")
+                if regular and found.st_size > largest:
+                    raise FileError(f"{self.path}: {inside} has more than {largest // 2**20} MB")
+
+    @contextmanager
+    def _parent(
+        self, name: str | os.PathLike[str], *, make: bool = False
+    ) -> Iterator[tuple[int, str]]:
+        """Open the folder of a file, one part of its path after the other."""
+        *parts, last = Path(name).parts
+        if Path(name).is_absolute() or ".." in (*parts, last):
+            raise FileError(f"{self.path}: {name} is not below it")
+        folder = os.dup(self.handle)
+        try:
+            for part in parts:
+                if make:
+                    with suppress(FileExistsError):
+                        os.mkdir(part, dir_fd=folder)
+                flags = os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW | os.O_CLOEXEC
+                inner = os.open(part, flags, dir_fd=folder)
+                os.close(folder)
+                folder = inner
+            yield folder, last
+        finally:
+            os.close(folder)
+
+
+def check_target(target: Path) -> None:
+    """Refuse a device, a pipe and a link to one: a file would take its place."""
     try:
-        place = target.resolve() if target.is_symlink() else target
-        mode = place.lstat().st_mode
-    except FileNotFoundError:
-        return place
-    except (OSError, RuntimeError, ValueError) as error:
-        # Links in a circle among them.
+        mode = target.stat().st_mode
+    except (OSError, ValueError) as error:
+        if getattr(error, "errno", None) in (errno.ENOENT, errno.ELOOP):
+            return
         why = getattr(error, "strerror", None) or error
         raise FileError(f"{target}: cannot be written ({why})") from None
-    if stat.S_ISLNK(mode):
-        raise FileError(f"{target}: cannot be written ({os.strerror(errno.ELOOP)})")
     if not (stat.S_ISREG(mode) or stat.S_ISDIR(mode)):
         raise FileError(f"{target}: cannot be written (not a regular file)")
-    return place
 
 
 @contextmanager
 def whole_file(path: str | os.PathLike[str], mode: str = "w") -> Iterator[IO[str]]:
-    """Open a file beside ``path`` and put it in its place only when all is written.
+    """Open the new file ``path``.part; it takes the name ``path`` when all is written.
 
-    A link is followed, and stays. What stands beside the file is removed first, and not followed if
-    it is a link. A device or a pipe is refused: a file would take its place.
+    A link with either name is replaced and never followed. A device or a pipe is refused: a file
+    would take its place.
     """
     target = Path(FilePath("path").check(path))
     if not target.name:
         raise FileError(f"path = {str(target)!r}: is not a path of a file")
-    place = place_of(target)
-    part = place.with_name(place.name + ".part")
+    check_target(target)
+    part = target.with_name(target.name + ".part")
     encoding = None if "b" in mode else "utf-8"
-    with _WRITING.setdefault(place.absolute(), threading.RLock()):
+    with _WRITING.setdefault(target.absolute(), threading.RLock()):
         try:
             with suppress(FileNotFoundError):
                 part.unlink()
             with open(part, mode.replace("w", "x"), encoding=encoding) as file:
                 yield file
-            os.replace(part, place)
+            os.replace(part, target)
         except OSError as error:
             if isinstance(error, FileError):
                 raise

@@ -6,15 +6,16 @@ import os
 import shutil
 from collections.abc import Sequence
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from viscovib import _native
 from viscovib._native import FloatArray
-from viscovib.common.files import place_of, whole_file
+from viscovib.common.files import whole_file
 from viscovib.common.parameters import FilePath, Number, Whole
-from viscovib.errors import FileError, InputError
+from viscovib.errors import InputError
 from viscovib.plots.outlines import Drawing, drawing_of
 from viscovib.plots.style import COLOURS
 
@@ -224,14 +225,11 @@ def write_film(made: FuncAnimation, path: Path, rate: float) -> None:
             page = made.to_jshtml(fps=max(1, round(rate)))
             file.write(f"<!DOCTYPE html><meta charset='utf-8'><title>motion</title>{page}")
         return
-    place = place_of(path)
-    part = place.with_name(f"{place.stem}.part{path.suffix}")
-    try:
+    # ffmpeg and Pillow would follow a link of the name that they are given.
+    with whole_file(path, "wb") as target, TemporaryDirectory() as folder:
+        part = Path(folder) / f"film{path.suffix}"
         # Pillow's frames last a whole number of hundredths of a second.
         film = path.suffix.lower() == ".mp4"
         made.save(part, writer="ffmpeg" if film else PillowWriter(max(1, round(rate))), dpi=90)
-        os.replace(part, place)
-    except OSError as error:
-        raise FileError(f"{path}: cannot be written ({error.strerror or error})") from None
-    finally:
-        part.unlink(missing_ok=True)
+        with part.open("rb") as written:
+            shutil.copyfileobj(written, target)  # type: ignore[misc]

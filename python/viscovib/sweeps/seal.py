@@ -12,7 +12,6 @@ other readers of Zarr do not look.
 import base64
 import hashlib
 import json
-import os
 from collections.abc import Iterable, Sequence
 from contextlib import suppress
 from pathlib import Path
@@ -21,19 +20,21 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from viscovib.common.files import Folder
 from viscovib.errors import FileError
 from viscovib.sweeps.points import OUTCOME
 
 _META = "zarr.json"
-#: Bytes of coordinates that are copied at most.
-_MOST = 1 << 22
+COPIES = f"{OUTCOME}/copies.json"
+#: Bytes of coordinates that are copied at most, and of any file of a checkpoint.
+_MOST, LARGEST = 1 << 22, 1 << 31
 
 
 class Seals:
     """Digests of chunks, a small file each."""
 
-    def __init__(self, path: Path, identity: Any, grid_shape: Sequence[int]) -> None:
-        self._path = path
+    def __init__(self, folder: Folder, identity: Any, grid_shape: Sequence[int]) -> None:
+        self._folder = folder
         text = json.dumps([identity, list(grid_shape)], sort_keys=True)
         self._job = hashlib.sha256(text.encode()).digest()
 
@@ -41,17 +42,18 @@ class Seals:
         self, place: tuple[int, ...], outcome: npt.NDArray[np.int8], files: Iterable[Path]
     ) -> None:
         """Seal a chunk whose variables are on disk, and whose outcomes are not yet."""
-        replace(self._file(place), self._digest(place, outcome, files).encode())
+        self._folder.replace(self._name(place), self._digest(place, outcome, files).encode())
 
     def fits(
         self, place: tuple[int, ...], outcome: npt.NDArray[np.int8], files: Iterable[Path]
     ) -> bool:
         """Whether a chunk is what was sealed at its place."""
-        kept = self._file(place).read_bytes()
+        kept = self._folder.read(self._name(place), LARGEST)
         return kept == self._digest(place, outcome, files).encode()
 
-    def _file(self, place: tuple[int, ...]) -> Path:
-        return self._path.joinpath(OUTCOME, "seal", *map(str, place))
+    @staticmethod
+    def _name(place: tuple[int, ...]) -> Path:
+        return Path(OUTCOME, "seal", *map(str, place))
 
     def _digest(
         self, place: tuple[int, ...], outcome: npt.NDArray[np.int8], files: Iterable[Path]
@@ -60,18 +62,17 @@ class Seals:
         feed.update(f"{place} {outcome.shape}".encode() + np.ascontiguousarray(outcome).tobytes())
         for file in files:
             # Points that failed have no values.
-            if file.exists():
-                content = file.read_bytes()
-                feed.update(f"{file.relative_to(self._path)} {len(content)} ".encode() + content)
+            with suppress(FileNotFoundError):
+                content = self._folder.read(file, LARGEST)
+                feed.update(f"{file} {len(content)} ".encode() + content)
         return feed.hexdigest()
 
 
 class Copies:
     """A copy of metadata and coordinates."""
 
-    def __init__(self, path: Path) -> None:
-        self._path = path
-        self._file = path / OUTCOME / "copies.json"
+    def __init__(self, folder: Folder) -> None:
+        self._folder, self._path = folder, folder.path
 
     def save(self, attributes: dict[str, Any], coordinates: Iterable[str]) -> None:
         """Copy what is there now."""
@@ -82,49 +83,53 @@ class Copies:
             data += [f for f in [self._path / name / "c"] if f.is_file()]
             if sum(f.stat().st_size for f in data) <= _MOST:
                 files += data
+        names = [f.relative_to(self._path) for f in files]
         held = {
             "attributes": attributes,
             "files": {
-                str(f.relative_to(self._path)): base64.b64encode(f.read_bytes()).decode()
-                for f in files
+                str(name): base64.b64encode(self._folder.read(name, LARGEST)).decode()
+                for name in names
             },
         }
         text = json.dumps(held)
-        replace(self._file, f"{hashlib.sha256(text.encode()).hexdigest()}\n{text}".encode())
+        content = f"{hashlib.sha256(text.encode()).hexdigest()}\n{text}".encode()
+        self._folder.replace(COPIES, content)
+
+    def attributes(self) -> dict[str, Any] | None:
+        """Return the attributes of the group as they were copied; None without a sound copy."""
+        held = self._held()
+        found = None if held is None else held.get("attributes")
+        return found if isinstance(found, dict) else None
+
+    def group_attributes(self) -> dict[str, Any] | None:
+        """Return the attributes of the group itself; None if its metadata are damaged."""
+        try:
+            found = json.loads(self._content(_META) or b"")["attributes"]
+        except (ValueError, KeyError, TypeError, RecursionError):
+            return None
+        return found if isinstance(found, dict) else None
 
     def restore(self) -> None:
-        """Put right what differs from the copy; a copy that is damaged itself is not used."""
+        """Put right what differs from the copy."""
         held = self._held()
         if held is None:
             return
         for name, content in held["files"].items():
-            if ".." in Path(name).parts or Path(name).is_absolute():
-                continue
-            wanted, file = base64.b64decode(content), self._path / name
-            if _content(file) != wanted:
-                replace(file, wanted)
-        root = self._path / _META
-        try:
-            known = json.loads(_content(root) or b"")["attributes"] == held["attributes"]
-        except Exception:
-            known = False
-        if not known:
+            wanted = base64.b64decode(content)
+            if self._content(name) != wanted:
+                self._folder.replace(name, wanted)
+        if self.group_attributes() != held["attributes"]:
             plain = {"zarr_format": 3, "node_type": "group", "attributes": held["attributes"]}
-            replace(root, json.dumps(plain, indent=2).encode())
-
-    @property
-    def begun(self) -> bool:
-        """Whether there is a copy, of which a checkpoint could be put right."""
-        return self._held() is not None
+            self._folder.replace(_META, json.dumps(plain, indent=2).encode())
 
     def check(self) -> None:
         """Name metadata that cannot be read: no copy was there to put them right."""
         for file in [self._path / _META, *sorted(self._path.glob(f"*/{_META}"))]:
+            name = file.relative_to(self._path)
             try:
-                if not isinstance(json.loads(file.read_bytes()), dict):
+                if not isinstance(json.loads(self._content(name) or b""), dict):
                     raise ValueError
             except Exception:
-                name = file.relative_to(self._path)
                 raise FileError(
                     f"checkpoint = {self._path}: {name} is damaged and cannot be put right; must "
                     "be another path, or this one removed"
@@ -135,8 +140,6 @@ class Copies:
 
         A file that is not there would be read as zeros.
         """
-        if self._held() is not None:
-            return
         for name in names:
             place = self._path / name / "c"
             if not place.is_file() and not any(f.is_file() for f in place.rglob("*")):
@@ -146,30 +149,18 @@ class Copies:
                 )
 
     def _held(self) -> dict[str, Any] | None:
+        """Return the copy; None if there is none or it is damaged."""
         try:
-            digest, _, text = self._file.read_text().partition("\n")
+            digest, _, text = (self._content(COPIES) or b"").decode().partition("\n")
             if hashlib.sha256(text.encode()).hexdigest() != digest:
                 return None
             held: dict[str, Any] = json.loads(text)
-        except (OSError, ValueError):
+        except ValueError:
             return None
         return held
 
-
-def _content(file: Path) -> bytes | None:
-    try:
-        return file.read_bytes()
-    except OSError:
-        return None
-
-
-def replace(file: Path, content: bytes) -> None:
-    """Put a file in place whole."""
-    file.parent.mkdir(parents=True, exist_ok=True)
-    part = file.with_name(f"{file.name}.part")
-    try:
-        part.write_bytes(content)
-        os.replace(part, file)
-    finally:
-        with suppress(OSError):
-            part.unlink()
+    def _content(self, name: str | Path) -> bytes | None:
+        try:
+            return self._folder.read(name, LARGEST)
+        except OSError:
+            return None

@@ -11,7 +11,7 @@ from __future__ import annotations
 import json
 import os
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from concurrent.futures import ThreadPoolExecutor, wait
 from contextlib import suppress
 from pathlib import Path
@@ -20,6 +20,7 @@ from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 import numpy as np
 import numpy.typing as npt
 
+from viscovib.common.files import Folder
 from viscovib.errors import FileError, InputError, ViscovibError
 from viscovib.sweeps.points import (
     BLANK,
@@ -35,7 +36,7 @@ from viscovib.sweeps.points import (
     Variable,
     box_shape,
 )
-from viscovib.sweeps.seal import Copies, Seals
+from viscovib.sweeps.seal import COPIES, LARGEST, Copies, Seals
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -113,8 +114,8 @@ class MemoryStore:
 
 
 def is_begun(path: str | os.PathLike[str]) -> bool:
-    """Whether a folder holds a Zarr group, or could be made to: its metadata may be lost."""
-    return (Path(path) / "zarr.json").exists() or Copies(Path(path)).begun
+    """Whether a folder contains a Zarr group, or could be made to: its metadata may be lost."""
+    return any(os.path.lexists(Path(path, name)) for name in ("zarr.json", COPIES))
 
 
 class DiskStore:
@@ -123,56 +124,90 @@ class DiskStore:
     def __init__(
         self, path: str | os.PathLike[str], grid: Grid, chunks: Chunks, identity: dict[str, Any]
     ) -> None:
-        self.path, self.grid, self.template = Path(path), grid, None
+        self.path, self.grid, self.chunks = Path(path), grid, chunks
+        self.template: Template | None = None
         self._arrays: dict[str, Any] = {}
         self._thread = ThreadPoolExecutor(1)
-        zarr, self._lock = _zarr(), -1
+        # Started now: Ctrl-C while a thread starts would leave it working unseen.
+        self._thread.submit(int).result()
+        self._folder: Folder | None = None
+        # Compared with what comes back from JSON.
+        self._identity: dict[str, Any] = json.loads(json.dumps(identity))
+        _zarr()
         try:
-            self.path.mkdir(parents=True, exist_ok=True)
-            self._lock = _locked(self.path)
-            copies, self._seals = Copies(self.path), Seals(self.path, identity, grid.shape)
-            if is_begun(self.path):
-                copies.restore()
-                copies.check()
-                self._group = zarr.open_group(self.path, mode="r+", use_consolidated=False)
-                about = self._opened(identity)
-                if about.get("variables") is not None:
-                    copies.check_coordinates([*self.grid.names, *about.get("coords", ())])
-                self.chunks = Chunks(grid.shape, tuple(about["chunk"]))
-                if about.get("variables") is not None:
-                    self.template = self._read_template(about)
-            else:
-                if any(self.path.iterdir()):
-                    raise InputError(f"checkpoint = {self.path}: exists and is not a checkpoint")
-                self.chunks = chunks
-                about = {"identity": identity, "chunk": list(chunks.chunk), "variables": None}
-                # Not overwriting: that would make another folder, which the lock does not hold.
-                self._group = zarr.create_group(
-                    self.path, zarr_format=3, attributes={_ABOUT: about}
-                )
-            if not all(name in self._group for name in (OUTCOME, ERROR, *grid.names)):
-                self._begin()
+            self._apart(self._start)
         except BaseException as error:
             self.close()
             if isinstance(error, ViscovibError) or not isinstance(error, Exception):
                 raise
             raise self._unusable(error) from None
 
+    def _start(self) -> None:
+        """Open the group or make it."""
+        zarr = _zarr()
+        self.path.mkdir(parents=True, exist_ok=True)
+        self._folder = _locked(self.path)
+        self._seals = Seals(self._folder, self._identity, self.grid.shape)
+        if is_begun(self.path):
+            self._reopen()
+        else:
+            if any(self.path.iterdir()):
+                raise InputError(f"checkpoint = {self.path}: exists and is not a checkpoint")
+            about = {
+                "identity": self._identity, "chunk": list(self.chunks.chunk), "variables": None
+            }  # fmt: skip
+            # Not overwriting: that would make another folder, which the lock does not hold.
+            self._group = zarr.create_group(self.path, zarr_format=3, attributes={_ABOUT: about})
+        if not all(name in self._group for name in (OUTCOME, ERROR, *self.grid.names)):
+            self._begin()
+
+    def _reopen(self) -> None:
+        """Open the group, which may come from somebody else.
+
+        Nothing is written before its identity is compared, and nothing is read through a link.
+        """
+        assert self._folder is not None
+        try:
+            self._folder.check(LARGEST)
+        except FileError as error:
+            raise FileError(f"checkpoint = {error}") from None
+        copies = Copies(self._folder)
+        here, copied = copies.group_attributes(), copies.attributes()
+        sound = copied is not None and not self._wrong(copied)
+        if not sound and (here is not None or copied is not None):
+            # The copy of another sweep is no copy of this one.
+            self._check(here if here is not None else copied)
+        if sound:
+            copies.restore()
+        copies.check()
+        # Other formats may name codecs that execute what they read.
+        self._group = _zarr().open_group(
+            self.path, mode="r+", use_consolidated=False, zarr_format=3
+        )
+        about = self._group.attrs[_ABOUT]
+        if about.get("variables") is not None and not sound:
+            copies.check_coordinates([*self.grid.names, *about.get("coords", ())])
+        self.chunks = Chunks(self.grid.shape, tuple(about["chunk"]))
+        if about.get("variables") is not None:
+            self.template = self._read_template(about)
+
     def _unusable(self, error: Exception) -> FileError:
         """What to say of files that cannot be read."""
         why = " ".join(f"{getattr(error, 'strerror', None) or error}".split())[:200]
         return FileError(f"checkpoint = {self.path}: cannot be used ({why})")
 
-    def _opened(self, identity: dict[str, Any]) -> dict[str, Any]:
-        about = self._group.attrs.get(_ABOUT)
+    def _wrong(self, attributes: Any) -> str:
+        """What is wrong with attributes of a group: nothing, if they are those of this sweep."""
+        about = attributes.get(_ABOUT)
         if not isinstance(about, dict) or "identity" not in about:
-            raise InputError(f"checkpoint = {self.path}: is not the checkpoint of a sweep")
-        if why := _difference(about["identity"], json.loads(json.dumps(identity))):
-            raise InputError(
-                f"checkpoint = {self.path}: holds another sweep ({why}); must be the same, or "
-                "another path"
-            )
-        return about
+            return "is not the checkpoint of a sweep"
+        if why := _difference(about["identity"], self._identity):
+            return f"holds another sweep ({why}); must be the same, or another path"
+        return ""
+
+    def _check(self, attributes: Any) -> None:
+        if why := self._wrong(attributes):
+            raise InputError(f"checkpoint = {self.path}: {why}")
 
     def _begin(self) -> None:
         names = self.grid.names
@@ -181,18 +216,34 @@ class DiskStore:
         chunk = self.chunks.chunk
         self._array(OUTCOME, self.grid.shape, chunk, np.dtype(np.int8), names, 0, _FLAGS)
         self._array(ERROR, self.grid.shape, chunk, str, names, "", {})
-        Copies(self.path).save(dict(self._group.attrs), names)
+        self._save_copies(names)
+
+    def _save_copies(self, coordinates: Iterable[str]) -> None:
+        assert self._folder is not None
+        Copies(self._folder).save(dict(self._group.attrs), coordinates)
 
     def define(self, template: Template) -> None:
         """Make the arrays of the variables."""
-        self._apart(self._define, template)
+        self._written(self._define, template)
 
     def write(self, i: int, part: Computed) -> None:
         """Keep the i-th chunk: its outcomes last, so that they stand for all of it."""
-        self._apart(self._write, i, part)
+        self._written(self._write, i, part)
+
+    def _written(self, action: Callable[..., None], *given: Any) -> None:
+        try:
+            self._apart(action, *given)
+        except OSError as error:
+            if isinstance(error, ViscovibError):
+                raise
+            why = error.strerror or error
+            raise FileError(f"checkpoint = {self.path}: cannot be written ({why})") from None
 
     def _apart(self, action: Callable[..., _T], *given: Any) -> _T:
-        """Do something with the files in a thread, which Ctrl-C does not break off midway."""
+        """Do something with the files in a thread, which Ctrl-C does not break off midway.
+
+        Zarr's coroutines, once made, are awaited there.
+        """
         work = self._thread.submit(action, *given)
         try:
             return work.result()
@@ -214,18 +265,24 @@ class DiskStore:
         about["variables"] = {n: item.kind for n, item in template.variables.items()}
         about["coords"] = list(template.coords)
         self._group.attrs[_ABOUT] = about
-        Copies(self.path).save(dict(self._group.attrs), [*self.grid.names, *template.coords])
+        self._save_copies([*self.grid.names, *template.coords])
         self.template = template
 
     def _read_template(self, about: dict[str, Any]) -> Template:
         n = len(self.grid.names)
         variables, coords = {}, {}
+        for name in (*about["variables"], *about["coords"]):
+            # Below the folder: files of this name are removed where a point failed.
+            if Path(name).is_absolute() or ".." in Path(name).parts:
+                raise ValueError(f"it has a variable {name!r}")
         for name, kind in about["variables"].items():
             array = self._group[name]
             dims, attrs = array.metadata.dimension_names[n:], dict(array.attrs)
             variables[name] = Variable(tuple(dims), array.shape[n:], kind, attrs)
         for name in about["coords"]:
             array = self._group[name]
+            if array.nbytes > LARGEST:
+                raise ValueError(f"{name} has more than {LARGEST // 2**20} MB")
             coords[name] = (array.metadata.dimension_names, array[...], dict(array.attrs))
         return Template(variables, coords)
 
@@ -282,7 +339,7 @@ class DiskStore:
     def _sound(self, i: int, failures_count: bool) -> bool:
         box = self.chunks.box(i)
         place = self._place(i)
-        if not self._file(OUTCOME, place).exists():
+        if not (self.path / self._file(OUTCOME, place)).exists():
             return False
         # Reading raises where a checksum is wrong.
         outcome = self._open(OUTCOME)[box]
@@ -298,47 +355,35 @@ class DiskStore:
         return tuple(cut.start // c for cut, c in zip(box, self.chunks.chunk, strict=True))
 
     def _files(self, place: tuple[int, ...]) -> list[Path]:
-        """Files of a chunk, but that of its outcomes."""
+        """Files of a chunk below the folder, but that of its outcomes."""
         files = [self._file(ERROR, place)]
         for name, item in (self.template.variables if self.template else {}).items():
             files.append(self._file(name, (*place, *(0 for _ in item.shape))))
         return files
 
     def _file(self, name: str, place: tuple[int, ...]) -> Path:
-        return self.path.joinpath(name, "c", *map(str, place))
+        return Path(name, "c", *map(str, place))
 
     def _write(self, i: int, part: Computed) -> None:
         box = self.chunks.box(i)
         shape = box_shape(box)
         errors = np.array(part.errors, dtype=TYPES["U"])
-        try:
-            for name, values in part.arrays.items():
-                if values.size:
-                    self._open(name)[box] = values.reshape(*shape, *values.shape[1:])
-            self._open(ERROR)[box] = errors.reshape(shape)
-            place, outcome = self._place(i), part.outcome.reshape(shape)
-            if not part.arrays:
-                # Points that failed have no values: what stands there is of another chunk.
-                for file in self._files(place)[1:]:
-                    file.unlink(missing_ok=True)
-            self._seals.write(place, outcome, self._files(place))
-            self._open(OUTCOME)[box] = part.outcome.reshape(shape)
-        except OSError as error:
-            why = error.strerror or error
-            raise FileError(f"checkpoint = {self.path}: cannot be written ({why})") from None
+        for name, values in part.arrays.items():
+            if values.size:
+                self._open(name)[box] = values.reshape(*shape, *values.shape[1:])
+        self._open(ERROR)[box] = errors.reshape(shape)
+        place, outcome = self._place(i), part.outcome.reshape(shape)
+        if not part.arrays:
+            # Points that failed have no values: a file that is there is of another chunk.
+            for file in self._files(place)[1:]:
+                (self.path / file).unlink(missing_ok=True)
+        self._seals.write(place, outcome, self._files(place))
+        self._open(OUTCOME)[box] = outcome
 
     def dataset(self) -> xr.Dataset:
         """Everything, read from disk where it is used."""
-        import xarray as xr
-
         try:
-            with warnings.catch_warnings():
-                # Zarr says that consolidated metadata are young in format 3.
-                warnings.simplefilter("ignore")
-                _zarr().consolidate_metadata(self._group.store)
-            data: xr.Dataset = xr.open_zarr(
-                self.path, chunks=None, consolidated=False, mask_and_scale=False
-            )
+            data = self._apart(self._opened)
         except Exception as error:
             raise self._unusable(error) from None
         data.attrs.pop(_ABOUT, None)
@@ -348,12 +393,26 @@ class DiskStore:
             coords = list(self.template.coords)
         return data.set_coords(coords)[wanted]
 
+    def _opened(self) -> xr.Dataset:
+        import xarray as xr
+
+        with warnings.catch_warnings():
+            # Zarr says that consolidated metadata are young in format 3.
+            warnings.simplefilter("ignore")
+            _zarr().consolidate_metadata(self._group.store, zarr_format=3)
+        opened: xr.Dataset = xr.open_zarr(
+            self.path, chunks=None, consolidated=False, mask_and_scale=False, zarr_format=3
+        )
+        return opened
+
     def close(self) -> None:
-        """Let others use the checkpoint."""
+        """Let others use the checkpoint, when what is under way is done."""
+        wait([self._thread.submit(self._release)], timeout=_PATIENCE)
         self._thread.shutdown(wait=False)
-        if self._lock >= 0:
-            os.close(self._lock)
-        self._lock = -1
+
+    def _release(self) -> None:
+        if self._folder is not None:
+            self._folder.close()
 
 
 def _units(grid: Grid, name: str) -> dict[str, str]:
@@ -370,17 +429,17 @@ def _zarr() -> Any:
     return zarr
 
 
-def _locked(path: Path) -> int:
+def _locked(path: Path) -> Folder:
     """Keep other processes away; the system lets go of it when this one ends, however it ends."""
-    folder = os.open(path, os.O_RDONLY)
+    folder = Folder(path)
     try:
         import fcntl
 
-        fcntl.flock(folder, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        fcntl.flock(folder.handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except ImportError:
         pass
     except OSError:
-        os.close(folder)
+        folder.close()
         raise InputError(
             f"checkpoint = {path}: is being written by another sweep, must be left to it"
         ) from None
