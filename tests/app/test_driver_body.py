@@ -71,7 +71,8 @@ def test_as_python_builds_it(solve, tmp_path, geometry, gravity):
         # A progressive preload has a mean and even orders.
         assert np.abs(columns["z_2_re"]).max() > 1e-6
     modes = run_both(solve, tmp_path, body(options, "") + "&modes /\n", "modes")
-    np.testing.assert_allclose(modes.value.columns["frequency"], system.modes().hz, rtol=1e-10)
+    undamped = system.modes(stiffness="instantaneous")
+    np.testing.assert_allclose(modes.value.columns["frequency"], undamped.hz, rtol=1e-10)
 
 
 @pytest.mark.parametrize("geometry", ["small", "exact"])
@@ -305,7 +306,7 @@ def test_sweep_over_a_mount(tmp_path):
     values = []
     for k in (3e5, 4e5, 5e5):
         scene = vv.Scene.read(path).override({"mount_point(2).stiffness(3)": k})
-        values.append(scene.body().modes().hz[0])
+        values.append(scene.body().modes(stiffness="instantaneous").hz[0])
     np.testing.assert_allclose(found["frequency"].values, values, rtol=1e-12)
 
 

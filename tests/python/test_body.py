@@ -11,6 +11,7 @@ import scipy.integrate
 import scipy.linalg
 import viscovib as vv
 from scipy.spatial.transform import Rotation
+from viscovib.plots.bodies import frequency_range
 from viscovib.units import degree, hz, mm, newton_per_mm
 
 DATA = json.loads((Path(__file__).parents[2] / "data" / "engine_on_mounts.json").read_text())
@@ -179,7 +180,10 @@ def test_sag_of_a_progressive_mount():
     assert down == pytest.approx(root, rel=1e-12)
     tangent = 1e5 + 9e9 * root**2
     expected = math.sqrt(tangent / 50)
-    assert np.abs(body.modes().omega - expected).min() < 1e-9 * expected
+    undamped = body.modes(stiffness="instantaneous").omega
+    assert np.abs(undamped - expected).min() < 1e-9 * expected
+    relaxed = body.modes(stiffness="relaxed").omega
+    assert np.abs(relaxed - expected * math.sqrt(0.7)).min() < 1e-9 * expected
     assert body.sag().forces[0, 2] == pytest.approx(50 * 9.81, rel=1e-12)
     # About the loaded position the law has a square, so that a load moves the mean.
     found = vv.forced_response(body, [0.9 * expected], load=body.load((0, 0, 100)), method="newton")
@@ -269,6 +273,105 @@ def test_centers():
         stiffness = np.real(moved.dynamic_stiffness(0.0))
         block = (np.linalg.inv(stiffness) if inverse else stiffness)[:3, 3:]
         np.testing.assert_allclose(block, block.T, atol=1e-9 * np.abs(block).max())
+
+
+def states_of(body):
+    """The ordinary equations of a body on Prony kernels, a state for each spring and rate."""
+    springs, mass = body._mount_springs, body._mass_matrix
+    terms = [
+        (row, k, w, r)
+        for row, k, kernel in zip(springs.rows, springs.stiffness, springs.kernels, strict=True)
+        for w, r in zip(kernel.weights, kernel.rates, strict=True)
+    ]
+    n = 12 + len(terms)
+    states = np.zeros((n, n))
+    states[:6, 6:12] = np.eye(6)
+    stiffness = (springs.rows.T * springs.stiffness) @ springs.rows
+    damping = springs.damping_matrix
+    states[6:12, :12] = -np.linalg.solve(mass, np.hstack([stiffness, damping]))
+    for j, (row, k, w, r) in enumerate(terms):
+        states[6:12, 12 + j] = np.linalg.solve(mass, row) * k * w
+        states[12 + j, :6], states[12 + j, 12 + j] = row, -r
+    return states
+
+
+def test_modes_of_rubber_are_damped_roots():
+    """Of random bodies on two rubbers: eigenvalues and eigenvectors of the ordinary equations."""
+    rng = np.random.default_rng(71)
+    for _ in range(12):
+        kernels = []
+        for _ in range(2):
+            rates = np.exp(rng.uniform(0, 7, 3))
+            weights = rates * rng.dirichlet(np.ones(3)) * rng.uniform(0.2, 0.7)
+            kernels.append(vv.PronyKernel(weights=weights, rates=rates))
+        body = random_body(rng)
+        body = vv.Body(
+            mass=body.body_mass, inertia=body.inertia,
+            mounts=[
+                dataclasses.replace(mount, kernel=kernels[i % 2])
+                for i, mount in enumerate(body.mounts)
+            ],
+        )  # fmt: skip
+        roots, vectors = np.linalg.eig(states_of(body))
+        there = roots.imag > 1e-6 * np.abs(roots)
+        order = np.argsort(roots.imag[there])
+        roots, vectors = roots[there][order], vectors[:6, there][:, order]
+        modes = body.modes()
+        np.testing.assert_allclose(modes.omega, roots.imag, rtol=1e-9)
+        np.testing.assert_allclose(modes.damping_ratio, -roots.real / np.abs(roots), atol=1e-9)
+        mass = body._mass_matrix
+        like = np.abs(np.einsum("ar,ab,br->r", modes.shapes.conj(), mass, vectors)) ** 2
+        like /= np.einsum("ar,ab,br->r", vectors.conj(), mass, vectors).real
+        np.testing.assert_allclose(like, 1.0, atol=1e-8)
+        np.testing.assert_allclose(modes.energy.sum(axis=0), 100, rtol=1e-12)
+
+
+def test_modes_on_soft_rubber_far_below_its_instantaneous_stiffness():
+    """Each direction alone: m s^2 + k (1 - R(s)) = 0 in 30 digits, three of them a double root."""
+    mp = pytest.importorskip("mpmath")
+    a, alpha, beta, k = 999.0, 0.35, 1000.0, 4e9
+    foot = vv.MountPoint(
+        name="foot", position=(0, 0, 0), stiffness=(k, k, 2 * k), rotational_stiffness=(k, k, k),
+        kernel=vv.RabotnovKernel(amplitude=a, alpha=alpha, beta=beta),
+    )  # fmt: skip
+    body = vv.Body(mass=100, inertia=(90, 90, 50), mounts=[foot])
+    modes = body.modes()
+    true = []
+    for stiff, inertia in ((k, 100), (k, 100), (2 * k, 100), (k, 90), (k, 90), (k, 50)):
+        start = 1j * modes.omega[0]
+        s = complex(mp.findroot(
+            lambda s, c=stiff / inertia: s**2 / c + 1 - a / (s**alpha + beta), start
+        ))  # fmt: skip
+        true.append(s)
+    true = np.array(sorted(true, key=lambda s: s.imag))
+    np.testing.assert_allclose(modes.omega, true.imag, rtol=1e-9)
+    np.testing.assert_allclose(modes.damping_ratio, -true.real / np.abs(true), rtol=1e-9)
+    assert np.linalg.matrix_rank(modes.shapes, 1e-6) == 6
+    assert modes.omega[-1] < 0.2 * body.modes(stiffness="instantaneous").omega[0]
+    at = body.modes(stiffness=modes.omega[2]).omega[2]
+    assert at == pytest.approx(modes.omega[2], rel=0.1)
+    # Pictures and pages show these frequencies.
+    assert 2 * np.pi * frequency_range(body)[[0, -1]] == pytest.approx(
+        [modes.omega[0] / 3, 4 * modes.omega[-1]]
+    )
+
+
+def test_scatter_on_rubber():
+    """About the damped modes, which bodies made one by one have to first order of the spread."""
+    kernel = vv.RabotnovKernel(amplitude=40.0, alpha=0.5, beta=50.0)
+    body = engine(kernel)
+    for spread, most in ((0.0, 1e-12), (0.1, 0.004)):
+        frequencies, _ = body.scatter(5, spread, seed=4)
+        factors = np.random.default_rng(4).uniform(1 - spread, 1 + spread, (5, 9))
+        for found, factor in zip(frequencies, factors, strict=True):
+            mounts = [
+                dataclasses.replace(
+                    m, stiffness=np.asarray(m.stiffness) * factor[3 * j : 3 * j + 3]
+                )
+                for j, m in enumerate(body.mounts)
+            ]
+            own = vv.Body(mass=body.body_mass, inertia=body.inertia, mounts=mounts).modes()
+            np.testing.assert_allclose(found, own.hz, rtol=most)
 
 
 def test_scatter():

@@ -19,7 +19,7 @@ JUDGES = (
     "MountPoint.dynamic_stiffness", "MountPoint.static_stiffness", "Sag",
 )  # fmt: skip
 
-_CHECKED = """modes = body.modes()
+_CHECKED = """modes = body.modes(stiffness="instantaneous")
 hz, energy, decoupling = modes.hz, modes.energy, modes.decoupling
 """
 
@@ -115,6 +115,7 @@ def _modes(rng, index):
 {_CHECKED}axis, share = body.torque_roll_axis({numbers(about)}), body.roll_share({numbers(about)})
 centers = np.array(body.centers())
 same, shares = body.scatter(2, 0.0)
+own = body.modes()
 """
 
     def judge(names, told):
@@ -129,16 +130,26 @@ same, shares = body.scatter(2, 0.0)
         true = 100 * shapes * (m @ shapes)
         yield Claim("energy of modes", energy[:, clear], true[:, clear], 1e-6, damage=1e-3)
         yield Claim("decoupling", names["decoupling"], energy.max(axis=0), 1e-10)
-        yield Claim("scatter", names["same"], np.array([names["hz"]] * 2), 1e-9 * hz.max())
-        yield Claim("scatter", names["shares"][:, clear], np.array([true.max(0)[clear]] * 2), 1e-5,
-                    damage=1e-3)  # fmt: skip
+        own = names["own"]
+        yield Claim("scatter", names["same"], np.array([own.hz] * 2), 1e-9 * hz.max())
+        if model.memory is None:
+            shares = np.array([true.max(0)[clear]] * 2)
+            yield Claim("scatter", names["shares"][:, clear], shares, 1e-5, damage=1e-3)
+        else:
+            roots = np.linalg.eigvals(_with_memory(model))
+            roots = roots[roots.imag > 1e-6 * np.abs(roots)]
+            roots = roots[np.argsort(roots.imag)]
+            size = np.abs(roots).max()
+            yield Claim("damped hz", own.hz, roots.imag / 2 / np.pi, 1e-9 * size)
+            yield Claim("damping ratio", own.damping_ratio, -roots.real / np.abs(roots), 1e-7)
         turned = scipy.linalg.solve(model.inertia, about, assume_a="pos")
         turned /= np.linalg.norm(turned)
         yield Claim("torque_roll_axis", names["axis"], turned, 1e-11)
         roll = np.concatenate([np.zeros(3), turned])
-        parts = 100 * (shapes.T @ m @ roll) ** 2 / (roll @ m @ roll)
-        yield Claim("roll_share", names["share"][clear], parts[clear], 1e-6, damage=1e-3)
-        yield Claim("roll_share", names["share"].sum(), 100.0, 1e-8)
+        if model.memory is None:
+            parts = 100 * (shapes.T @ m @ roll) ** 2 / (roll @ m @ roll)
+            yield Claim("roll_share", names["share"][clear], parts[clear], 1e-6, damage=1e-3)
+            yield Claim("roll_share", names["share"].sum(), 100.0, 1e-8)
         for which, center in enumerate(names["centers"]):
             # Seen from there the coupling block of the matrix, or of its inverse, is symmetric.
             away = center - model.center
@@ -152,11 +163,8 @@ same, shares = body.scatter(2, 0.0)
     return Case(call, judge)
 
 
-def _power(model, along, hz):
-    """Mean square of what a floor of density 1, 2, ... at hz and straight between them shakes.
-
-    Gauss's rule on intervals that shrink towards the roots, found with the memory as states.
-    """
+def _with_memory(model):
+    """Matrix of the ordinary equations with a state for each exponential and coordinate."""
     k, c, m = model.matrix(), model.matrix(0.0, 1.0), model.masses
     weights, rates = (
         ((), ()) if model.memory is None else (model.memory.weights, model.memory.rates)
@@ -169,7 +177,16 @@ def _power(model, along, hz):
         own = slice(12 + 6 * j, 18 + 6 * j)
         states[6:12, own] = w * np.linalg.solve(m, k)
         states[own, :6], states[own, own] = np.eye(6), -r * np.eye(6)
-    roots = np.linalg.eigvals(states) / 2 / np.pi
+    return states
+
+
+def _power(model, along, hz):
+    """Mean square of what a floor of density 1, 2, ... at hz and straight between them shakes.
+
+    Gauss's rule on intervals that shrink towards the roots, found with the memory as states.
+    """
+    k, c, m = model.matrix(), model.matrix(0.0, 1.0), model.masses
+    roots = np.linalg.eigvals(_with_memory(model)) / 2 / np.pi
     apart = 10.0 ** np.arange(-1, 8)
     near = [s.imag + sign * abs(s.real) * apart for s in roots for sign in (-1, 1)]
     edges = np.unique(np.clip(np.concatenate([hz, roots.imag, *near]), hz[0], hz[-1]))

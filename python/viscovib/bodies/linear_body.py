@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import os
+from functools import cached_property
 from importlib import import_module
 from typing import Any
 
@@ -19,8 +20,9 @@ from viscovib.bodies.checks import (
     checked_vector,
     inverse_of,
 )
+from viscovib.bodies.damped_modes import damped_roots, stiffness_at
 from viscovib.bodies.mean_square import mean_square
-from viscovib.bodies.modes import BodyModes, find_modes
+from viscovib.bodies.modes import BodyModes, find_damped_modes, find_modes
 from viscovib.bodies.mount_point import MountPoint, crossing
 from viscovib.bodies.springs import MountSprings
 from viscovib.bodies.statics import Sag
@@ -69,13 +71,22 @@ class LinearBody(PolynomialSystem):
             return np.eye(3)
         return np.asarray(turned(self._sag.displacement[3:6], np.eye(3)).T)
 
-    def modes(self) -> BodyModes:
-        """Modes about the position at rest without memory, with their kinetic energies.
+    def modes(self, *, stiffness: str | float | None = None) -> BodyModes:
+        """Modes about the position at rest, with their kinetic energies.
+
+        Parameters
+        ----------
+        stiffness : "instantaneous", "relaxed" or float, optional
+            Undamped modes of one stiffness: of rubber before it relaxes, after it has relaxed, or
+            at a circular frequency (rad/s). None: with kernels, damped modes, each with the
+            stiffness and the loss at its own root of the characteristic equation, one for each
+            undamped mode unless its motion creeps; without kernels, undamped modes.
 
         Returns
         -------
         BodyModes
-            Frequencies (Hz), shapes, kinetic energy of each coordinate (percent), decoupling.
+            Frequencies (Hz), damping ratios, shapes, kinetic energy of each coordinate (percent),
+            decoupling.
 
         Raises
         ------
@@ -83,7 +94,27 @@ class LinearBody(PolynomialSystem):
             If the position at rest is unstable, or parts of the body spin.
         """
         self._check_real()
-        return find_modes(self)
+        if stiffness is None:
+            if self._active_kernels:
+                return find_damped_modes(self)
+            return find_modes(self, self._stiffness_at_rest)
+        if not isinstance(stiffness, str):
+            nu = _native.number("stiffness", stiffness)
+            if not nu > 0:
+                raise InputError(f"stiffness = {nu:g}: a circular frequency must be above 0")
+            return find_modes(self, stiffness_at(self, nu), f"{nu:g}")
+        which = _native.choice("stiffness", stiffness, ("instantaneous", "relaxed"))
+        if which == "instantaneous":
+            return find_modes(self, self._stiffness_at_rest)
+        kept = [1.0 if g.kernel is None else 1.0 - g.kernel.integral for g in self.groups]
+        if not np.isfinite(kept).all():
+            raise InputError("stiffness = 'relaxed': a kernel has no finite integral")
+        relaxed = sum(k * g.stiffness for k, g in zip(kept, self.groups, strict=True))
+        return find_modes(self, np.asarray(relaxed), "'relaxed'")
+
+    @cached_property
+    def _damped_roots(self) -> tuple[ComplexArray, ComplexArray]:
+        return damped_roots(self)
 
     def animate_mode(
         self,
@@ -140,13 +171,13 @@ class LinearBody(PolynomialSystem):
     def roll_share(self, about: str | npt.ArrayLike = "x") -> FloatArray:
         """How much of each mode is rolling about the torque-roll axis (percent), shape (6,).
 
-        (phi^T M r)^2/(r^T M r) of modes of unit modal mass, r the roll about that axis. The shares
-        of all modes add up to 100: of an ideal suspension one is 100, the others 0.
+        |phi^H M r|^2/(r^T M r) of modes of unit modal mass, r the roll about that axis. The shares
+        of all undamped modes add up to 100: of an ideal suspension one is 100, the others 0.
         """
         roll = np.zeros(len(self.dof_names))
         roll[3:6] = self.torque_roll_axis(about)
         push = self._mass_matrix @ roll
-        return np.asarray(100 * (self.modes().shapes.T @ push) ** 2 / (roll @ push))
+        return np.asarray(100 * np.abs(self.modes().shapes.conj().T @ push) ** 2 / (roll @ push))
 
     def centers(self) -> tuple[FloatArray, FloatArray]:
         """Centre of stiffness and centre of compliance (m), in the axes of the positions.
@@ -389,12 +420,13 @@ class LinearBody(PolynomialSystem):
         """Modes of n bodies whose mounts' stiffnesses scatter: how robust a suspension is.
 
         Every local stiffness of every mount is multiplied by a random factor of its own, uniform
-        in [1 - spread, 1 + spread].
+        in [1 - spread, 1 + spread]. With kernels each mode has the stiffness at its own frequency
+        in the body without scatter.
 
         Returns
         -------
         hz : ndarray, shape (n, 6)
-            Natural frequencies (Hz), ascending.
+            Frequencies (Hz) of `modes`, ascending.
         decoupling : ndarray, shape (n, 6)
             The largest kinetic energy share of a coordinate in each mode (percent).
         """
@@ -404,16 +436,40 @@ class LinearBody(PolynomialSystem):
         if not 0 <= part < 1:
             raise InputError(f"spread = {part:g}: must be in [0, 1)")
         start = _native.integer("seed", seed, 0, 2**31)
-        rows, stiffness = self._mount_springs.rows, self._mount_springs.stiffness
-        factors = np.random.default_rng(start).uniform(1 - part, 1 + part, (count, stiffness.size))
-        rest = self._stiffness_at_rest - (rows.T * stiffness) @ rows
+        springs, modes = self._mount_springs, self.modes()
+        shape = (count, springs.stiffness.size)
+        changes = np.random.default_rng(start).uniform(1 - part, 1 + part, shape) - 1
+        if not self._active_kernels:
+            squares, energy = self._scattered(self._stiffness_at_rest, changes * springs.stiffness)
+            return np.sqrt(np.maximum(squares, 0)) / (2 * math.pi), energy
+        hz, decoupling = np.zeros((2, count, modes.omega.size))
+        for r, omega in enumerate(modes.omega):
+            kept = np.array([
+                1.0 if kernel is None or not omega else 1 - np.real(kernel.transform(omega))
+                for kernel in springs.kernels
+            ])  # fmt: skip
+            nominal = stiffness_at(self, omega) if omega else self._stiffness_at_rest
+            # The shapes are orthogonal: the place of this mode among those of its stiffness.
+            undamped = find_modes(self, nominal)
+            like = np.abs(modes.shapes[:, r].conj() @ self._mass_matrix @ undamped.shapes)
+            place = int(like.argmax())
+            squares, energy = self._scattered(nominal, changes * springs.stiffness * kept)
+            decoupling[:, r] = energy[:, place]
+            if omega:
+                ratios = squares[:, place] / undamped.omega[place] ** 2
+                hz[:, r] = modes.hz[r] * np.sqrt(np.maximum(ratios, 0))
+        order = np.argsort(hz, axis=1)
+        return np.take_along_axis(hz, order, 1), np.take_along_axis(decoupling, order, 1)
+
+    def _scattered(self, nominal: FloatArray, changes: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Squares of frequencies and decoupling under changes of each spring (n, n_springs)."""
         lower = np.linalg.inv(np.linalg.cholesky(self._mass_matrix))
-        scaled = rows @ lower.T
-        matrices = np.einsum("ja,nj,jb->nab", scaled, factors * stiffness, scaled, optimize=True)
-        squares, vectors = np.linalg.eigh(matrices + lower @ rest @ lower.T)
+        scaled = self._mount_springs.rows @ lower.T
+        matrices = np.einsum("ja,nj,jb->nab", scaled, changes, scaled, optimize=True)
+        squares, vectors = np.linalg.eigh(matrices + lower @ nominal @ lower.T)
         shapes = np.einsum("ba,nbr->nar", lower, vectors)
         energy = 100 * shapes * np.einsum("ab,nbr->nar", self._mass_matrix, shapes)
-        return np.sqrt(np.maximum(squares, 0)) / (2 * math.pi), energy.max(axis=1)
+        return squares, energy.max(axis=1)
 
     def _solved(self, nu: FloatArray, push: npt.NDArray[Any]) -> ComplexArray:
         found = np.linalg.solve(self.dynamic_stiffness(nu), push[..., None])[..., 0]

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 
 from viscovib import _native
-from viscovib._native import FloatArray
+from viscovib._native import ComplexArray, FloatArray
 from viscovib.common.counts import things
 from viscovib.common.results import Number, Panel, Result
 from viscovib.common.tables import Table
@@ -26,21 +26,24 @@ _RIGID = 1e-12
 
 @dataclass(frozen=True, eq=False, repr=False)
 class BodyModes(Result):
-    """Modes of a body about its position at rest, without memory and damping.
+    """Modes of a body about its position at rest, damped or undamped (`Body.modes`).
 
     Attributes
     ----------
-    omega : ndarray, shape (n,)
-        Circular natural frequencies (rad/s), ascending; 0 of a mode that nothing holds.
-    shapes : ndarray, shape (n, n)
-        A column each, of unit modal mass.
-    energy : ndarray, shape (n, n)
+    omega : ndarray, shape (m,)
+        Circular frequencies (rad/s), ascending; 0 of a mode that nothing holds. Of a damped mode
+        that moves as exp(s t) the imaginary part of s.
+    shapes : ndarray, shape (n, m)
+        A column each, phi^H M phi = 1; those of damped modes are complex.
+    energy : ndarray, shape (n, m)
         Kinetic energy of each coordinate (row) in each mode (column), percent:
-        100 phi_i sum_j M_ij phi_j. Columns add up to 100. Products of inertia count with their
-        coordinate, so that a share may be negative.
-    loss_factor : ndarray, shape (n,)
-        Im/Re of phi^T D(i omega) phi: what kernels and dampers lose of the mode at its own
-        frequency. NaN of a mode at frequency 0.
+        100 Re conj(phi_i) sum_j M_ij phi_j. Columns add up to 100. Products of inertia count with
+        their coordinate, so that a share may be negative.
+    loss_factor : ndarray, shape (m,)
+        Im/Re of phi^H D(i omega) phi without inertia: the loss factor of kernels and dampers in the
+        mode at its own frequency. NaN of a mode at frequency 0.
+    damping_ratio : ndarray, shape (m,)
+        -Re s/|s| of damped modes; half the loss factor of undamped ones.
     names : tuple of str
         Of the coordinates.
 
@@ -59,14 +62,15 @@ class BodyModes(Result):
     kind: ClassVar[str] = "modes"
 
     omega: FloatArray
-    shapes: FloatArray
+    shapes: FloatArray | ComplexArray
     energy: FloatArray
     loss_factor: FloatArray
+    damping_ratio: FloatArray
     names: tuple[str, ...]
 
     @property
     def hz(self) -> FloatArray:
-        """Natural frequencies (Hz)."""
+        """Frequencies (Hz)."""
         return self.omega / (2 * math.pi)
 
     @property
@@ -77,16 +81,18 @@ class BodyModes(Result):
     def _headline(self) -> str:
         rigid = int(np.sum(self.omega == 0))
         told = f", {rigid} of them motions that nothing resists" if rigid else ""
+        kind = "damped mode" if np.iscomplexobj(self.shapes) else "mode"
         return (
-            f"{things(self.omega.size, 'mode')} from {self.hz[0]:.6g} to {self.hz[-1]:.6g} Hz{told}"
+            f"{things(self.omega.size, kind)} from {self.hz[0]:.6g} to {self.hz[-1]:.6g} Hz{told}"
         )
 
     def _scope(self) -> list[str]:
-        head = "mode        Hz    loss" + "".join(f"{name:>9}" for name in self.names)
+        head = "mode        Hz  ratio   loss" + "".join(f"{name:>9}" for name in self.names)
         lines = [f"kinetic energy of each coordinate in percent\n  {head}"]
         for r, hz in enumerate(self.hz):
             shares = "".join(f"{share:9.2f}" for share in self.energy[:, r])
-            lines.append(f"{r + 1:4d}{hz:10.4f}{self.loss_factor[r]:8.4f}{shares}")
+            ratios = f"{self.damping_ratio[r]:7.4f}{self.loss_factor[r]:7.4f}"
+            lines.append(f"{r + 1:4d}{hz:10.4f}{ratios}{shares}")
         return lines
 
     def numbers(self) -> dict[str, Number]:
@@ -116,6 +122,7 @@ class BodyModes(Result):
             {
                 "frequency": ("mode", self.hz, {"units": "Hz"}),
                 "loss_factor": ("mode", self.loss_factor, {"units": "1"}),
+                "damping_ratio": ("mode", self.damping_ratio, {"units": "1"}),
                 "energy": (("coordinate", "mode"), self.energy, {"units": "%"}),
                 "shape": (("coordinate", "mode"), self.shapes),
             },
@@ -127,6 +134,7 @@ class BodyModes(Result):
             "mode": np.arange(1, self.omega.size + 1),
             "frequency": self.hz,
             "loss_factor": self.loss_factor,
+            "damping_ratio": self.damping_ratio,
         }
         chosen: Any = self.names if coordinates is None else coordinates
         if not isinstance(chosen, (list, tuple)):
@@ -140,24 +148,49 @@ class BodyModes(Result):
         return Table(["frequency in Hz, energy in percent of the kinetic energy"], columns)
 
 
-def find_modes(body: Any) -> BodyModes:
-    """Solve K phi = omega^2 M phi, phi^T M phi = 1."""
+def find_modes(body: Any, stiffness: FloatArray, what: str = "") -> BodyModes:
+    """Solve K phi = omega^2 M phi, phi^T M phi = 1; ``what``: the name of a stiffness chosen."""
     from scipy.linalg import eigh
 
-    mass = body._mass_matrix
-    squares, shapes = eigh(body._stiffness_at_rest, mass)
+    squares, shapes = eigh(stiffness, body._mass_matrix)
     largest = np.abs(squares).max()
+    if squares[0] < -_RIGID * largest and what:
+        raise InputError(f"stiffness = {what}: is negative in a direction, the rubber only creeps")
     if squares[0] < -_RIGID * largest:
         raise InputError(
             "mounts: the position at rest is unstable, a mode grows like "
             f"exp({math.sqrt(-squares[0]):.6g} t)"
         )
     omega = np.sqrt(np.where(squares > _RIGID * largest, squares, 0.0))
-    energy = 100 * shapes * (mass @ shapes)
+    return _modes_of(body, omega, shapes)
+
+
+def find_damped_modes(body: Any) -> BodyModes:
+    """Solve D(s) phi = 0, phi^H M phi = 1; modes that nothing holds come first."""
+    undamped = find_modes(body, body._stiffness_at_rest)
+    free = undamped.omega == 0
+    roots, shapes = body._damped_roots
+    if not roots.size and not free.any():
+        raise InputError(
+            "mounts: no mode oscillates, all free motions creep; "
+            "modes(stiffness='instantaneous') gives undamped modes"
+        )
+    omega = np.append(undamped.omega[free], roots.imag)
+    shapes = np.hstack([undamped.shapes[:, free], shapes])
+    ratio = np.append(np.full(free.sum(), np.nan), -roots.real / np.abs(roots))
+    return _modes_of(body, omega, shapes, ratio)
+
+
+def _modes_of(
+    body: Any, omega: FloatArray, shapes: Any, ratio: FloatArray | None = None
+) -> BodyModes:
+    energy = 100 * (shapes.conj() * (body._mass_matrix @ shapes)).real
     loss = np.full(omega.size, np.nan)
     held = omega > 0
     if held.any():
         dynamic = body.dynamic_stiffness(omega[held])
-        modal = np.einsum("ar,rab,br->r", shapes[:, held], dynamic, shapes[:, held])
+        modal = np.einsum("ar,rab,br->r", shapes[:, held].conj(), dynamic, shapes[:, held])
         loss[held] = modal.imag / (modal.real + omega[held] ** 2)
-    return BodyModes(omega, shapes, energy, loss, body.dof_names)
+    return BodyModes(
+        omega, shapes, energy, loss, loss / 2 if ratio is None else ratio, body.dof_names
+    )

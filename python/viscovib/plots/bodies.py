@@ -76,7 +76,7 @@ def plot_body(
     if mode is not None:
         modes = body.modes()
         number = _native.integer("mode", mode, 1, modes.omega.size)
-        shape = modes.shapes[:6, number - 1]
+        shape = modes.shapes[:6, number - 1].real
         moved = moved_by(corners, body.center, shape)
         swing = SWING * size / max(np.abs(moved - corners).max(), 1e-300)
         _draw_box(axis, moved_by(corners, body.center, swing * shape), COLOURS[2], (0, (4, 1.5)))
@@ -135,7 +135,8 @@ def plot_energy(modes: BodyModes, ax: Axes | None = None) -> Axes:
             )  # fmt: skip
     ax.set_xticks(range(modes.omega.size), [f"{hz:.4g}" for hz in modes.hz])
     ax.set_yticks(range(len(modes.names)), list(modes.names))
-    ax.set_xlabel("natural frequency (Hz)")
+    damped = np.iscomplexobj(modes.shapes)
+    ax.set_xlabel(f"{'damped' if damped else 'natural'} frequency (Hz)")
     ax.set_title("kinetic energy (%)", fontsize="medium")
     ax.tick_params(length=0)
     return ax

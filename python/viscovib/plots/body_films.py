@@ -44,7 +44,7 @@ def film_of_mode(
     feet = np.array([np.asarray(mount.position) for mount in body.mounts])
     size = float(np.ptp(np.vstack([feet, corners]), axis=0).max())
     shape = modes.shapes[:6, number - 1]
-    largest = np.abs(moved_by(corners, body.center, shape) - corners).max()
+    largest = np.abs(moved_by(corners, body.center, shape.real) - corners).max()
     swing = SWING * size / max(largest, 1e-300)
     told = f"mode {number}: {modes.hz[number - 1]:.4g} Hz"
     share = modes.decoupling[number - 1]
@@ -57,7 +57,8 @@ def film_of_mode(
     axis.set_aspect("equal")
 
     def show(frame: int) -> list[Any]:
-        now = swing * math.sin(2 * math.pi * frame / count) * shape
+        angle = 2 * math.pi * frame / count
+        now = swing * (math.sin(angle) * shape.real + math.cos(angle) * shape.imag)
         box = moved_by(corners, body.center, now)
         ends = moved_by(feet, body.center, now)
         for line, (a, b) in zip(edges, EDGES, strict=True):

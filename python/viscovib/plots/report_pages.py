@@ -182,14 +182,24 @@ def _tables(body: Body, torque_about: str | npt.ArrayLike | None) -> list[_Table
     )
     rows = [
         [
-            f"{r + 1}", f"{modes.hz[r]:.4f}", f"{modes.loss_factor[r]:.4f}",
+            f"{r + 1}", f"{modes.hz[r]:.4f}", f"{100 * modes.damping_ratio[r]:.2f}",
+            f"{modes.loss_factor[r]:.4f}",
             *(f"{share:.2f}" for share in modes.energy[:, r]), f"{modes.decoupling[r]:.1f}",
             *shares[r : r + 1],
         ]
         for r in range(modes.omega.size)
     ]  # fmt: skip
-    head = ["mode", "Hz", "loss factor", *(f"{name} (%)" for name in modes.names), "decoupling (%)"]
-    tables.append(("Modes and kinetic energies", head + ["roll (%)"] * bool(shares), rows))
+    damped = np.iscomplexobj(modes.shapes)
+    head = [
+        "mode",
+        "Hz",
+        "damping (%)",
+        "loss factor",
+        *(f"{name} (%)" for name in modes.names),
+        "decoupling (%)",
+    ]
+    caption = f"{'Damped modes' if damped else 'Modes'} and kinetic energies"
+    tables.append((caption, head + ["roll (%)"] * bool(shares), rows))
     return tables
 
 
