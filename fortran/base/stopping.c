@@ -19,3 +19,11 @@ void viscovib_set_unfinished(const char *path) {
 
 /* A flag as it is now. */
 int viscovib_is_set(const volatile int *flag) { return *flag != 0; }
+
+/* The flag that this thread listens to, besides that of the whole program. Other threads set it. */
+static _Thread_local const volatile int *listened = 0;
+
+void viscovib_listen(const volatile int *flag) { listened = flag; }
+
+/* Whether the whole program or this thread shall stop. */
+int viscovib_stop_wanted(void) { return viscovib_stop != 0 || (listened && *listened != 0); }

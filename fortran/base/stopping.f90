@@ -1,5 +1,5 @@
-!> Whether the whole program shall stop, which the driver sets when its time is over: loops that
-!! may take long look at it and end with what they have.
+!> Whether the whole program shall stop, which the driver sets when its time is over, or a thread,
+!! which Python sets after Ctrl-C: loops that may take long look at it and end with what they have.
 module viscovib_stopping
   use, intrinsic :: iso_c_binding, only: c_char, c_int, c_null_char
   implicit none
@@ -23,6 +23,10 @@ module viscovib_stopping
       integer(c_int), intent(inout) :: flag
     end function c_is_set
 
+    integer(c_int) function c_stop_wanted() bind(c, name='viscovib_stop_wanted')
+      import :: c_int
+    end function c_stop_wanted
+
     subroutine c_set_unfinished(path) bind(c, name='viscovib_set_unfinished')
       import :: c_char
       character(kind=c_char), intent(in) :: path(*)
@@ -32,7 +36,7 @@ module viscovib_stopping
 contains
 
   logical function stop_wanted()
-    stop_wanted = stop_flag /= 0
+    stop_wanted = c_stop_wanted() /= 0_c_int
   end function stop_wanted
 
   !> Whether a flag is not 0 that another thread may set meanwhile. It is read by C, of which the

@@ -143,6 +143,21 @@ subroutine stop_loops(flag)
   call want_stop(flag /= 0)
 end subroutine stop_loops
 
+!> Let loops of this thread end with what they have once another thread sets flag(1), which must
+!! exist as long as this thread.
+subroutine listen(flag)
+  use, intrinsic :: iso_c_binding, only: c_int
+  implicit none
+  integer(c_int), intent(inout) :: flag(1)
+  interface
+    subroutine c_listen(flag) bind(c, name='viscovib_listen')
+      import :: c_int
+      integer(c_int), intent(in) :: flag(1)
+    end subroutine c_listen
+  end interface
+  call c_listen(flag)
+end subroutine listen
+
 !> Points of curves and values that loops have begun since the program started.
 subroutine pieces_of_work(n)
   use, intrinsic :: iso_c_binding, only: c_int

@@ -22,6 +22,7 @@ module viscovib_hereditary_maps
   use viscovib_kernel_holder, only: kernel_holder
   use viscovib_kinds, only: wp
   use viscovib_oscillator, only: oscillator_type
+  use viscovib_stopping, only: stop_wanted
   implicit none
   private
 
@@ -68,19 +69,18 @@ contains
     real(wp), intent(in) :: lengths(:)
     real(wp), intent(out) :: weights(table%s, 0:table%s + 1, size(lengths))
     real(wp), allocatable :: sigma(:, :), w(:, :)
-    real(wp) :: row(0:table%s + 1), taus(table%s*size(lengths))
-    integer :: i, k, m, at
+    real(wp) :: row(0:table%s + 1)
+    integer :: i, k, m
 
+    weights = 0.0_wp
     do m = 1, size(lengths)
-      taus((m - 1)*table%s + 1:m*table%s) = lengths(m)*table%points(1:table%s)
-    end do
-    call kernel%local_rules(taus, sigma, w)
-    do m = 1, size(lengths)
+      ! The rules of some kernels take seconds. What calls this looks at it as well.
+      if (stop_wanted()) return
+      call kernel%local_rules(lengths(m)*table%points(1:table%s), sigma, w)
       do i = 1, table%s
-        at = (m - 1)*table%s + i
         row = 0.0_wp
         do k = 1, size(sigma, 1)
-          row = row + w(k, at)*table%basis(table%points(i) - sigma(k, at)/lengths(m))
+          row = row + w(k, i)*table%basis(table%points(i) - sigma(k, i)/lengths(m))
         end do
         weights(i, :, m) = row
       end do

@@ -20,6 +20,7 @@ module viscovib_hereditary_start
   use viscovib_oscillator, only: oscillator_type
   use viscovib_quadrature, only: lagrange, lagrange_factors
   use viscovib_step_equations, only: out_of_reach
+  use viscovib_stopping, only: given_up
   use viscovib_time_load, only: time_load_type
   implicit none
   private
@@ -132,6 +133,8 @@ contains
     masses = 0.0_wp
     before = 0.0_wp
     do k = 1, doublings + 1
+      made = .not. given_up()
+      if (.not. made) return
       length = start%ends(k) - start%ends(k - 1)
       if (counting) call count_up(counted_panels, 1)
       remembered = 0.0_wp

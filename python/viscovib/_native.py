@@ -325,12 +325,29 @@ def call_either(
     return call_interruptibly(routine, None, *arguments) if long else call(routine, *arguments)
 
 
+class _Listening(threading.local):
+    """The flag that makes native loops of a thread end."""
+
+    flag: npt.NDArray[np.intc] | None = None
+
+
+_listening = _Listening()
+
+
 def apart(work: Callable[[], _T], cancel: npt.NDArray[np.intc] | None = None) -> _T:
-    """Do some work in a thread and wait for it, so that Ctrl-C is heard."""
+    """Do some work in a thread and wait for it, so that Ctrl-C is heard.
+
+    After Ctrl-C native loops of the thread end with what they have, which nobody sees.
+    """
     results: list[_T] = []
     errors: list[BaseException] = []
+    flag = _listening.flag
+    if flag is None:
+        flag = np.zeros(1, dtype=np.intc)
 
     def run() -> None:
+        _listening.flag = flag
+        core.listen(flag)
         try:
             results.append(work())
         except BaseException as error:
@@ -345,6 +362,7 @@ def apart(work: Callable[[], _T], cancel: npt.NDArray[np.intc] | None = None) ->
         thread.join()
     except BaseException:
         # Ctrl-C, which may come at any point above.
+        flag[0] = 1
         if cancel is not None:
             cancel[0] = 1
             if thread.is_alive():

@@ -55,6 +55,34 @@ class Calls:
         return ended("api", seed, text, self.worker.ask(job="call", text=text))
 
 
+class Interrupts(Calls):
+    """The part that stops a call at a random time, and measures what the call does afterwards."""
+
+    name = "interrupts"
+
+    def __init__(self, folder: Path) -> None:
+        super().__init__(folder)
+        self.reactions: list[float] = []
+
+    def case(self, rng: random.Random, seed: str) -> Case:
+        """One call; most end before they are stopped."""
+        text = self.caller.call(rng)
+        answer = self.worker.ask(job="call", text=text, patience=10 ** rng.uniform(-2, 0))
+        if "reaction" in answer:
+            self.reactions.append(answer["reaction"])
+        return ended(self.name, seed, text, answer)
+
+    def told(self) -> str:
+        """Reaction times in a line."""
+        times = sorted(self.reactions)
+        if not times:
+            return "interrupts: no call was stopped"
+        return (
+            f"interrupts: {len(times)} calls stopped, processor time afterwards: median "
+            f"{times[len(times) // 2]:.2f} s, longest {times[-1]:.2f} s"
+        )
+
+
 class Files:
     """The part that spoils files and reads them."""
 
@@ -169,4 +197,7 @@ def text_of(program: bytes) -> str:
 def parts(folder: Path, builds: list[str]) -> list[Any]:
     """Parts of the fuzzer in this module."""
     del builds
-    return [Calls(folder / "api"), Threads(folder / "threads"), Files(folder / "files")]
+    return [
+        Calls(folder / "api"), Threads(folder / "threads"), Files(folder / "files"),
+        Interrupts(folder / "interrupts"),
+    ]  # fmt: skip

@@ -77,6 +77,9 @@ def _run(options: argparse.Namespace, work: Path) -> int:
         if options.cases and sum(counts.values()) >= options.cases:
             left.remove(part)
     print(table(tables, time.monotonic() - started))
+    for part in chosen:
+        if hasattr(part, "told"):
+            print(part.told())
     _write(out, tables)
     return int(any(n for counts in tables.values() for v, n in counts.items() if v in BAD))
 

@@ -22,6 +22,8 @@ from verdicts import MEMORY, SECONDS
 #: Seconds until a call is asked to stop; and how long it may then take, on a machine shared.
 PATIENCE = 3.0
 DEAF = 2.5
+#: Seconds of the main thread's processor time that a call may use after Ctrl-C.
+REACTION = 0.5
 #: Jobs after which a process is replaced, and bytes that it may hold in the end.
 _JOBS = 2000
 _HERE = Path(__file__).parent
@@ -56,7 +58,7 @@ class Worker:
             if asked:
                 self.close()
                 return {"verdict": "too long", "detail": f"{SECONDS:g} s; deaf to Ctrl-C"}
-            asked, since = True, time.monotonic()
+            asked, since, used = True, time.monotonic(), _used(child.pid)
             child.send_signal(signal.SIGINT)
         line = child.stdout.readline()
         if not line:
@@ -65,6 +67,12 @@ class Worker:
         if asked and time.monotonic() - since > DEAF:
             late = time.monotonic() - since
             answer |= {"verdict": "too long", "detail": f"heard Ctrl-C after {late:.1f} s"}
+        if asked:
+            # Another process may have the processor meanwhile: only the call's own work counts.
+            answer["reaction"] = min(_used(child.pid) - used, time.monotonic() - since)
+            if answer["reaction"] > REACTION:
+                late = f"used {answer['reaction']:.1f} s after Ctrl-C"
+                answer |= {"verdict": "too long", "detail": late}
         answer["seconds"] = time.monotonic() - started
         if answer.get("size", 0) > MEMORY // 2:
             self.close()
@@ -109,13 +117,21 @@ class Worker:
         self._child = None
 
 
+def _used(pid: int) -> float:
+    """Processor time of the main thread of a process (s)."""
+    try:
+        fields = Path(f"/proc/{pid}/task/{pid}/stat").read_text().rpartition(")")[2].split()
+    except OSError:
+        return 0.0
+    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+
+
 def main() -> None:
     """Do jobs until there are none."""
     # What the libraries map when they are imported is no part of what a call takes.
     import call_runner
 
-    # Begun in the background of a shell, it would ignore Ctrl-C.
-    signal.signal(signal.SIGINT, signal.default_int_handler)
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
     answers = os.fdopen(os.dup(1), "w")
     os.dup2(2, 1)
     used = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
@@ -128,13 +144,19 @@ def main() -> None:
         answers.write("ready\n")
         answers.flush()
         while True:
+            line = sys.stdin.readline()
+            if not line:
+                return
+            job = json.loads(line)
             try:
-                line = sys.stdin.readline()
-                if not line:
-                    return
-                job = json.loads(line)
-                answer = jobs[job.pop("job")](**job)
+                try:
+                    # Only the job is stopped, not what is around it.
+                    signal.signal(signal.SIGINT, signal.default_int_handler)
+                    answer = jobs[job.pop("job")](**job)
+                finally:
+                    signal.signal(signal.SIGINT, signal.SIG_IGN)
             except KeyboardInterrupt:
+                signal.signal(signal.SIGINT, signal.SIG_IGN)
                 answer = {"verdict": "stopped at a given limit", "detail": ""}
             pages = int(Path("/proc/self/statm").read_text().split()[1])
             answer["size"] = pages * resource.getpagesize()

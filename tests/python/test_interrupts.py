@@ -6,6 +6,7 @@ import subprocess
 import sys
 import threading
 import time
+import warnings
 
 import numpy as np
 import pytest
@@ -67,6 +68,38 @@ def test_work_apart_leaves_its_caller_free(interrupted):
     assert interrupted(lambda: _native.apart(lambda: going_on.clear() or work(), cancel), 0.2) < 0.2
     assert cancel[0] == 1
     going_on.set()
+
+
+FAST = vv.RabotnovKernel(amplitude=6.0, alpha=0.3, beta=1000)
+REMEMBERING = {
+    "mount": vv.Mount(
+        mass=1, inertia=0.1, offset=0.5, stiffness_x=10, stiffness_phi=2,
+        kernel=vv.SumKernel(parts=[FAST, KERNEL]),
+    ),
+    "structure": vv.Structure(
+        mass=[1.0, 1.0], stiffness=[[2.0, -1], [-1, 2]],
+        elements=[vv.Spring(on="x2", stiffness=1, law="d^3", kernel=FAST)],
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", REMEMBERING)
+def test_first_steps_with_memory_are_left(interrupted, name):
+    """A step without end takes seconds of quadratures; the core ends them, too."""
+    before = threading.active_count()
+    load = {"x1": 1e300} if name == "structure" else 1e300
+
+    def work():
+        for _ in range(100):
+            with contextlib.suppress(vv.ViscovibError), warnings.catch_warnings():
+                warnings.simplefilter("ignore")
+                vv.simulate(REMEMBERING[name], 10, load=load, nu=2.0)
+
+    assert interrupted(work, 0.5) < 0.3
+    until = time.monotonic() + 2
+    while threading.active_count() > before and time.monotonic() < until:
+        time.sleep(0.01)
+    assert threading.active_count() == before
 
 
 def test_long_signals_are_transformed_apart(monkeypatch):

@@ -328,6 +328,11 @@ class MountRun(Run):
         """Until when the run may go on."""
         return float(_REACH * self.motion.end)
 
+    def _takes_long(self, count: int) -> bool:
+        """Whether steps may take long: many, or the first, whose weights are found by quadrature."""
+        first = self.memory is None or self.anew
+        return first or self.past != "exponentials" or count > _native.MANY_STEPS
+
     def _native_steps(self, count: int, every: int, columns: int, times: FloatArray) -> Piece:
         until = self._time_after(self.done + count)
         if until > _REACH * self.motion.end * (1 + 1e-9):
@@ -362,7 +367,7 @@ class MountRun(Run):
             flat = flat.copy()
             flat[mount._masses] *= self.heavier
         results = _native.call_either(
-            count > _native.MANY_STEPS,
+            self._takes_long(count),
             core.mount_simulate,
             flat,
             *mount._kernels,

@@ -440,7 +440,7 @@ class StructureRun(MountRun):
             states, at_times, last, kept, n_kept, made, n_reached, reached, ended, counted, rough,
             reason, found, n_found, too_long, phased,
         ) = _native.call_either(
-            count > _native.MANY_STEPS, partial(core.structure_simulate, **given)
+            self._takes_long(count), partial(core.structure_simulate, **given)
         )  # fmt: skip
         self.resolution = float(rough)
         self.too_long = max(self.too_long, float(too_long))
