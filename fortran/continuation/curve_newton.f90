@@ -21,12 +21,15 @@ module viscovib_curve_newton
   !> A correction this much larger than the smallest so far leads away.
   real(wp), parameter :: growth_limit = 1.0e4_wp
   real(wp), parameter :: rounding = 4.0_wp*epsilon(1.0_wp)
+  !> Where the second correction of Newton's method is at most this part of the first, the solution
+  !! is near, by the theorem of Kantorovich with room to spare.
+  real(wp), parameter, public :: surely_near = 0.1_wp
 
 contains
 
   !> From x on; x is left as it was found unless the outcome is converged. Leaving
   !! the range of the equations counts as diverged.
-  subroutine solve_on_curve(curve, p, tolerance, x, outcome, iterations, cancel)
+  subroutine solve_on_curve(curve, p, tolerance, x, outcome, iterations, cancel, second)
     class(curve_type), intent(inout) :: curve
     real(wp), intent(in) :: p
     !> Largest part of the last correction, relative to the largest part of x.
@@ -38,6 +41,8 @@ contains
     integer, intent(inout) :: iterations
     !> May be set from elsewhere to give up, as stalled.
     integer, intent(inout), optional :: cancel
+    !> The second correction as a part of the first; 0 if there is none.
+    real(wp), intent(out), optional :: second
     real(wp), allocatable :: new(:), step(:), slope(:), jacobian(:, :)
     integer, allocatable :: pivots(:)
     real(wp) :: change, before, smallest, norm
@@ -50,6 +55,7 @@ contains
     before = 0.0_wp
     fresh = .true.
     outcome = outcome_stalled
+    if (present(second)) second = 0.0_wp
     do k = 1, max_iterations
       if (present(cancel)) then
         if (is_set(cancel)) return
@@ -76,6 +82,7 @@ contains
       ! What is not a number may pass unseen through a maximum, but not through a sum.
       change = maxval(abs(step)) + 0.0_wp*sum(step)
       norm = maxval(abs(new)) + 0.0_wp*sum(new)
+      if (present(second) .and. k == 2) second = change/before
       if (.not. norm <= 1.0e60_wp) then
         outcome = outcome_overflow
         return

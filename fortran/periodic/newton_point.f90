@@ -2,6 +2,7 @@
 module viscovib_newton_point
   use viscovib_counters, only: count_up, counted_turns, counting
   use viscovib_curve_branch, only: curve_branch_type, curve_completed, curve_options, follow_curve
+  use viscovib_curve_newton, only: surely_near
   use viscovib_dense, only: factorize, solve
   use viscovib_harmonic_balance, only: balance_type
   use viscovib_kinds, only: wp
@@ -27,15 +28,15 @@ module viscovib_newton_point
   real(wp), parameter :: rounded = 30.0_wp*epsilon(1.0_wp)
   !> What part of the most that rounding may do it usually does.
   real(wp), parameter :: usual = 0.1_wp
-  !> Points of a branch in the load where Newton fails at once.
-  integer, parameter :: max_load_points = 400
+  !> Points of a branch in the load.
+  integer, parameter :: max_load_points = 2000
 
 contains
 
   !> Solve at the frequency and load that `balance` is set to, from x on; x is left
   !! as it was found unless the outcome is converged.
   subroutine newton_point(balance, system, tolerance, x, outcome, iterations, factors, &
-                          to_rounding, least)
+                          to_rounding, least, second)
     type(balance_type), intent(inout) :: balance
     class(oscillator_type), intent(in) :: system
     !> Relative size of the last correction, in the norm of `weighted_norm`.
@@ -52,6 +53,8 @@ contains
     logical, intent(in), optional :: to_rounding
     !> Allowed besides, in the same norm.
     real(wp), intent(in), optional :: least
+    !> The second correction as a part of the first; 0 if there is none.
+    real(wp), intent(out), optional :: second
     real(wp) :: new(size(x, 1), size(x, 2)), step(size(x, 1), size(x, 2))
     real(wp) :: jacobian(size(x), size(x))
     real(wp) :: change, before, smallest, norm, besides, left, known
@@ -61,6 +64,7 @@ contains
     new = x
     besides = 0.0_wp
     if (present(least)) besides = least
+    if (present(second)) second = 0.0_wp
     before = 0.0_wp
     smallest = sqrt(huge(1.0_wp))
     outcome = outcome_stalled
@@ -77,6 +81,7 @@ contains
       iterations = iterations + 1
       if (counting) call count_up(counted_turns, 1)
       change = weighted_norm(system, step)
+      if (present(second) .and. k == 2) second = change/before
       norm = weighted_norm(system, new)
       if (.not. norm <= system%largest_amplitude()) then
         outcome = outcome_overflow
@@ -137,8 +142,9 @@ contains
     most = weighted_norm(system, moved)
   end function rounding_of
 
-  !> Solve from the linear response, or, where that is too far away, by following
-  !! the branch from no load to the whole, through folds if need be.
+  !> The motion on the curve that begins at rest with no load and on which the load grows, through
+  !! folds if need be, where the load is first that of `balance`. If Newton's method from rest at
+  !! once begins to converge fast, by the theorem of Kantorovich its solution is that motion.
   subroutine point_from_rest(balance, system, load, tolerance, x, outcome, iterations, cancel, &
                              factors, to_rounding, least)
     type(balance_type), intent(inout) :: balance
@@ -156,26 +162,21 @@ contains
     real(wp), intent(in), optional :: least
     type(oscillator_curve_type) :: curve
     type(curve_branch_type) :: branch
-    integer :: direct
+    real(wp) :: second
 
     x = 0.0_wp
     call newton_point(balance, system, tolerance, x, outcome, iterations, factors, &
-                      to_rounding, least)
-    direct = outcome
-    if (outcome == outcome_converged .or. size(load%orders) == 0) return
+                      to_rounding, least, second)
+    if (outcome == outcome_converged .and. second <= surely_near) return
     ! Nothing leads to no load.
-    if (.not. abs(balance%load_factor) > 0.0_wp) return
+    if (size(load%orders) == 0 .or. .not. abs(balance%load_factor) > 0.0_wp) return
     call new_oscillator_curve(curve, system, load, balance%set, vary_load)
     call curve%balance%set_frequency(system, load, balance%nu)
     call follow_curve(curve, curve_options(0.0_wp, balance%load_factor, 1.0e-8_wp, &
                                            max_load_points, 0.3_wp), &
                       spread(0.0_wp, 1, curve%n), branch, cancel=cancel)
     iterations = iterations + sum(branch%iterations(:branch%n_points))
-    if (branch%outcome /= curve_completed) then
-      outcome = direct
-      x = 0.0_wp
-      return
-    end if
+    if (branch%outcome /= curve_completed) return
     x = reshape(branch%x(:, branch%n_points), shape(x))
     call newton_point(balance, system, tolerance, x, outcome, iterations, factors, &
                       to_rounding, least)

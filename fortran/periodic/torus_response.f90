@@ -1,7 +1,7 @@
 !> Solutions of harmonic balance on a torus from nothing but the system, and near others.
 module viscovib_torus_response
   use viscovib_curve_branch, only: curve_branch_type, curve_completed, curve_options, follow_curve
-  use viscovib_curve_newton, only: solve_on_curve
+  use viscovib_curve_newton, only: solve_on_curve, surely_near
   use viscovib_kinds, only: wp
   use viscovib_outcomes, only: outcome_converged, outcome_stalled
   use viscovib_torus_balance, only: torus_balance_type, vary_factor
@@ -77,8 +77,9 @@ contains
     levels_pay = n > many .and. most < most_dense .and. (most == few .or. n > 2*most)
   end function levels_pay
 
-  !> From rest at once, or, where that is too far away, by following the branch
-  !! from no load to the whole, through folds if need be.
+  !> The solution on the curve that begins at rest with no load and on which the load grows, through
+  !! folds if need be, where the load is first the whole one. If Newton's method from rest at once
+  !! begins to converge fast, its solution is that one.
   subroutine raise_loads(balance, p, tolerance, x, outcome, iterations, cancel)
     type(torus_balance_type), intent(inout) :: balance
     real(wp), intent(in) :: p, tolerance
@@ -88,21 +89,20 @@ contains
     !> May be set from elsewhere to give up.
     integer, intent(inout), optional :: cancel
     type(curve_branch_type) :: branch
-    real(wp) :: factor, lowest
+    real(wp) :: factor, lowest, second
     integer :: vary
 
     x = 0.0_wp
-    call solve_on_curve(balance, p, tolerance, x, outcome, iterations, cancel)
-    if (outcome == outcome_converged) return
+    call solve_on_curve(balance, p, tolerance, x, outcome, iterations, cancel, second)
+    if (outcome == outcome_converged .and. second <= surely_near) return
     call balance%set_parameter(p)
     vary = balance%vary
     factor = balance%factor
     lowest = balance%lowest
     balance%vary = vary_factor
     balance%lowest = -huge(1.0_wp)
-    x = 0.0_wp
     call follow_curve(balance, curve_options(0.0_wp, factor, 1.0e-8_wp, max_load_points, 0.3_wp), &
-                      x, branch, cancel=cancel)
+                      spread(0.0_wp, 1, balance%n), branch, cancel=cancel)
     iterations = iterations + sum(branch%iterations(:branch%n_points))
     balance%vary = vary
     balance%factor = factor

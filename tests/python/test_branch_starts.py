@@ -71,3 +71,74 @@ def test_what_is_no_number_is_told(load):
         return
     assert np.isfinite(branch.coefficients).all()
     assert np.isfinite(branch.truncation).all()
+
+
+def raised(dynamic, springs, load):
+    """Motion of one harmonic where the load of a curve from rest is first the whole.
+
+    D X + 3/4 springs |X|^2 X = p load in short steps along (Re X, Im X, p).
+    """
+    n = load.size
+
+    def equations(z):
+        x, p = z[:n] + 1j * z[n:-1], z[-1]
+        r = dynamic @ x + 0.75 * springs * abs(x) ** 2 * x - p * load
+        a, b = dynamic + np.diag(1.5 * springs * abs(x) ** 2), np.diag(0.75 * springs * x**2)
+        by_re, by_im = a + b, 1j * (a - b)
+        matrix = np.block([[by_re.real, by_im.real], [by_re.imag, by_im.imag]])
+        return np.r_[r.real, r.imag], np.c_[matrix, -np.r_[load, 0 * load]]
+
+    z, tangent = np.zeros(2 * n + 1), np.eye(2 * n + 1)[-1]
+    for _ in range(20000):
+        tangent = np.linalg.solve(
+            np.r_[equations(z)[1], [tangent]], np.eye(2 * n + 1)[-1]
+        )  # fmt: skip
+        tangent /= np.linalg.norm(tangent)
+        before, z = z, z + 0.04 * tangent
+        for _ in range(4):
+            r, matrix = equations(z)
+            z = z - np.linalg.solve(np.r_[matrix, [tangent]], np.r_[r, 0.0])
+        if z[-1] >= 1:
+            break
+    z = before + (z - before) * (1 - before[-1]) / (z[-1] - before[-1])
+    z[-1] = 1
+    for _ in range(4):
+        r, matrix = equations(z)
+        z[:-1] -= np.linalg.solve(matrix[:, :-1], r)
+    return z[:n] + 1j * z[n:-1]
+
+
+def test_the_first_motion_is_on_the_curve_of_the_growing_load() -> None:
+    """The reference follows that curve by itself."""
+    several = 0
+    for seed in range(8, 16):
+        rng = np.random.default_rng(seed)
+        springs = rng.uniform(-0.3, 1, 2)
+        stiffness = np.array([[2.0, -1.0], [-1.0, 1.5]])
+        damping, nu = rng.uniform(0.01, 0.05) * stiffness, rng.uniform(0.8, 2.5)
+        load = np.array([10 ** rng.uniform(-1, 0.7), 0.0])
+        exact = raised(stiffness - nu**2 * np.eye(2) + 1j * nu * damping, springs, load)
+        system = vv.PolynomialSystem(
+            mass=[1, 1], stiffness=stiffness, damping=damping,
+            forces={name: f"{k}*{name}^3" for name, k in zip(("x1", "x2"), springs, strict=True)},
+        )  # fmt: skip
+        kept = {"load": load, "harmonics": 1, "stability": False}
+        first = vv.forced_response(system, [nu], method="newton", **kept)
+        assert first.coefficients[0, :, 0] == pytest.approx(exact, rel=1e-7), seed
+        along = vv.trace_response(system, (nu, nu + 0.01), max_points=3, **kept)
+        assert along.coefficients[0, :, 0] == pytest.approx(exact, rel=1e-7), seed
+        several += abs(exact).max() > 1
+    assert several > 2
+
+
+def test_the_first_motion_of_mounts_follows_their_parameters() -> None:
+    """A motion of the upper part of the curve of the load is twice as large."""
+    rubber = vv.RzhanitsynKernel(amplitude=0.03, alpha=0.1, beta=0.05)
+    found = []
+    for offset in np.linspace(0.495, 0.505, 21):
+        mount = vv.Mount(
+            mass=1, inertia=0.1, offset=offset, stiffness_x=10, stiffness_phi=2, kernel=rubber
+        )
+        first = vv.forced_response(mount, [1.9], load=0.5, method="newton")
+        found.append(abs(first.coefficients[0, 1, 0]))
+    assert np.ptp(np.diff(found)) < 1e-4

@@ -99,6 +99,37 @@ class Balance:
                 return a
         return a if np.abs(change).max() <= 1e-9 * np.abs(a).max() else None
 
+    def raised(self, nu: float, load: Array, steps: int = 1500) -> Array | None:
+        """Motion where the load of a curve from rest is first the whole: short steps along it."""
+        size = load.size
+        z, tangent, length = np.zeros(size + 1), np.eye(size + 1)[-1], 0.02
+        unit = 0.0
+        for _ in range(steps):
+            unit = max(unit, float(np.abs(z[:-1]).max()))
+            weights = np.r_[np.full(size, 1 / max(unit, 1e-3) ** 2), 1.0]
+            before, old = z, tangent
+            for attempt in range(8):
+                h = length / 2**attempt
+                z = before + h * old / np.sqrt(weights @ old**2)
+                for _turn in range(5):
+                    r, jac = self.residual(z[:-1].reshape(load.shape), nu, z[-1] * load)
+                    m = np.r_[np.c_[jac, -load.ravel()], [weights * old]]
+                    z = z - np.linalg.solve(m, np.r_[r.ravel(), 0.0])
+                tangent = np.linalg.solve(m, np.eye(size + 1)[-1])
+                turned = (
+                    weights @ (tangent * old) / np.sqrt((weights @ tangent**2) * (weights @ old**2))
+                )
+                if np.abs(r).max() < 1e-9 * (1 + np.abs(load).max()) and turned > 0.98:
+                    break
+            else:
+                return None
+            length = min(0.1, h * (1.5 if turned > 0.998 else 1.0))
+            if z[-1] >= 1:
+                part = (1 - before[-1]) / (z[-1] - before[-1])
+                a = (before + part * (z - before))[:-1].reshape(load.shape)
+                return self.solve(a, nu, load)
+        return None
+
     def fold(self, a: Array, nu: float, load: Array) -> tuple[float, Array] | None:
         """Where d nu vanishes along the curve, near a motion, and the motion there."""
         # Newton on F = 0, F_a v = 0, l.v = 1 with second derivatives by differences.

@@ -138,6 +138,14 @@ coarse = vv.forced_response(
                 300 * tolerance + 1e-11,
                 damage=max(1e-6, 1e3 * tolerance),
             )
+        if method == "newton" and index % 4 == 0 and model.n < 3 and kept.max() < 20:
+            balance = Balance(model, max(9, int(kept.max())))
+            raised = balance.raised(nu, load_rows(balance, load))
+            if raised is not None:
+                off = difference(names["coefficients"], kept, balance.complex(raised))
+                yield Claim(
+                    "the load grows from nothing", 1 + off, 1.0, 10 * admitted + 1e-3, damage=0.1
+                )
         if method == "successive" and np.size(names["corrections"]) > 1:
             c = names["corrections"][np.isfinite(names["corrections"])]
             yield Claim("last correction", bool(c[-1] <= tolerance), True)

@@ -121,8 +121,9 @@ def forced_response(
         against the dynamic stiffness; "newton": Newton's method, which also passes resonances.
         There each frequency starts from the one before in the order given, as in a slow sweep:
         where several motions exist, upwards and downwards may give different ones. Where the branch
-        ends, or at the first frequency, the load is raised from nothing. `trace_response` gives all
-        of a branch. A pendulum is solved by Newton's method.
+        ends, or at the first frequency, the load is raised from nothing: along the curve of the
+        growing load, through its folds, to where the load is first the whole one.
+        `trace_response` gives all of a branch. A pendulum is solved by Newton's method.
     harmonics : int or "auto"
         Highest order kept (1 to 399); with several base frequencies highest |k1| + |k2| + ... .
         "auto": as many as bring the ``truncation`` of the result below ``tolerance``, or as there
