@@ -229,7 +229,7 @@ contains
     length = 0
     do j = 1, self%n
       associate (column => self%columns(j))
-        length = length + max(width, len(column%name) + 2) + 1
+        length = length + max(width, len(quoted(column%name))) + 1
         if (allocated(column%words)) length = length + len(column%words)
       end associate
     end do
@@ -237,11 +237,7 @@ contains
     at = 0
     do j = 1, self%n
       if (j > 1) call append(',')
-      if (index(self%columns(j)%name, ',') > 0) then
-        call append('"'//self%columns(j)%name//'"')
-      else
-        call append(self%columns(j)%name)
-      end if
+      call append(quoted(self%columns(j)%name))
     end do
     call file%add_line(row(:at))
     do i = 1, self%n_rows()
@@ -274,6 +270,23 @@ contains
       at = at + len(cell)
     end subroutine append
   end subroutine write_table
+
+  !> A name as a cell of CSV: in quotes if it has a comma or a quote, which is then doubled.
+  pure function quoted(name)
+    character(len=*), intent(in) :: name
+    character(len=:), allocatable :: quoted
+    integer :: i
+    if (scan(name, ',"') == 0) then
+      quoted = name
+      return
+    end if
+    quoted = '"'
+    do i = 1, len(name)
+      if (name(i:i) == '"') quoted = quoted//'"'
+      quoted = quoted//name(i:i)
+    end do
+    quoted = quoted//'"'
+  end function quoted
 
   !> Numbers in a line, each after a space.
   pure function listed(values)

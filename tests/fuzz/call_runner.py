@@ -21,6 +21,7 @@ import viscovib as vv
 import xarray as xr
 from calls import FILES, SOUND, public
 from damage import checkpoint
+from texts import texts
 
 # Modules whose import Ctrl-C cuts short stay as they are, half made, for all calls that follow.
 for _late in ("dask.array", "matplotlib.pyplot"):
@@ -270,4 +271,7 @@ def tidy() -> dict[str, Any]:
     return {}
 
 
-JOBS = {"call": call, "checkpoint": checkpoint, "makers": makers, "threads": threads, "tidy": tidy}
+JOBS = {
+    "call": call, "checkpoint": checkpoint, "makers": makers, "texts": texts, "threads": threads,
+    "tidy": tidy,
+}  # fmt: skip

@@ -127,6 +127,28 @@ def test_the_python_lines_give_the_same(tmp_path, monkeypatch, typed, capsys):
     assert told["result"].value == state.result.value
 
 
+def test_no_title_or_name_of_a_file_is_executed(tmp_path, monkeypatch):
+    """Scenes come from others; the lines are code that their reader runs."""
+    import matplotlib
+
+    matplotlib.use("Agg")
+    monkeypatch.chdir(tmp_path)
+    attack = "open('executed', 'w').close()"
+    text = State(vv.Scene.read(PAPER)).scene_text()
+    title = next(line for line in text.splitlines() if "title = " in line)
+    for words in (f'"""\n{attack}\n"""', f'""" + str({attack}) + """', f"' + {attack} + '", "\\"):
+        quoted = words.replace("'", "''").replace("\n", " ")
+        state = State(vv.Scene.read(PAPER))
+        state.read_text(text.replace(title, f"  title = '{quoted}'"))
+        name = f"{words}.nml".replace("/", "")
+        (tmp_path / name).write_text(text)
+        for lines in (state.python_lines(), State(vv.Scene.read(name)).python_lines()):
+            Path("lines.py").write_text(lines)
+            runpy.run_path("lines.py")
+            matplotlib.pyplot.close("all")
+            assert not Path("executed").exists()
+
+
 def test_a_broken_scene_is_told_with_its_line():
     state = State(vv.Scene.read(PAPER))
     before = state.now

@@ -22,8 +22,11 @@ def fuzz():
         import call_runner
         import calls
         import damage
+        import texts
 
-        yield {"api": api, "runner": call_runner, "calls": calls, "damage": damage}
+        yield {
+            "api": api, "runner": call_runner, "calls": calls, "damage": damage, "texts": texts,
+        }  # fmt: skip
     finally:
         sys.path.remove(str(FUZZ))
 
@@ -86,6 +89,37 @@ def test_a_chunk_that_is_believed_wrongly_is_found(fuzz, monkeypatch):
     assert sound <= {"done", "refused with a line"}
     monkeypatch.setattr(Seals, "fits", lambda *_: True)
     assert any(fuzz["damage"].checkpoint(seed)["verdict"] == "not the same" for seed in seeds)
+
+
+#: Each has what one language takes for an end or a beginning.
+TEXTS = (
+    '\'""" + __import__("os") + """\\ {x} %s `id` $(id)',
+    "</pre><script>alert(1)</script><img src=x onerror=alert(1)>' onmouseover='alert(1)",
+    '$$\\href{javascript:alert(1)}{x}$$ $\\frac{ a,b"c',
+    "$$",
+    "x\n&load /\0\ud800\u2028",
+)
+
+
+@pytest.mark.parametrize(
+    "place", ["in_python", "in_page", "in_report", "in_notebook", "in_namelist", "in_picture"]
+)
+def test_texts_of_users_stay_texts(fuzz, place):
+    """Code, pages, tables and scenes made with them have the structure that a plain word gives."""
+    for text in TEXTS:
+        assert getattr(fuzz["texts"], place)(text) == ""
+
+
+def test_a_text_that_becomes_code_is_found(fuzz, monkeypatch):
+    from viscovib.explorer import page, state
+
+    monkeypatch.setattr(state, "_TYPED", "x'; y = '")
+    monkeypatch.setattr(state.State, "python_lines", lambda self: f"x = '{self.now.scene.title}'")
+    with pytest.raises(SyntaxError):
+        fuzz["texts"].in_python("'")
+    assert "other code" in fuzz["texts"].in_python("' + y + '")
+    monkeypatch.setattr(page.html, "escape", lambda text: text)
+    assert "other tags" in fuzz["texts"].in_page("<b>")
 
 
 def test_calls_run_in_a_process_with_limits(fuzz, tmp_path):

@@ -103,8 +103,10 @@ def write_table(data: xr.Dataset, path: Path) -> None:
     dims = [str(d) for d in data[names[0]].dims]
     columns = [data[name].values.ravel() for name in names]
     meshes = np.meshgrid(*(data[d].values for d in dims), indexing="ij")
+    # The name of a file may end a line.
+    swept = one_line(data.attrs["swept"])
     with whole_file(path) as file:
-        file.write(f"# viscovib {data.attrs['viscovib']}, sweep of {data.attrs['swept']}\n")
+        file.write(f"# viscovib {data.attrs['viscovib']}, sweep of {swept}\n")
         units = [f"{d} ({u})" for d in dims if (u := data[d].attrs.get("units"))]
         if units:
             file.write(f"# {', '.join(units)}\n")

@@ -47,12 +47,18 @@ class Table:
         ``heading``: what stands behind the version, the scene and its title.
         """
         lines = [f"viscovib {version('viscovib')}{heading}", *plan.splitlines(), *self.notes]
-        names = [f'"{name}"' if "," in name else name for name in self.columns]
+        names = [_quoted(name) for name in self.columns]
         columns = [cells(values) for values in self.columns.values()]
         with whole_file(path) as file:
             file.writelines(f"# {line}\n" for one in lines for line in one.splitlines())
             file.write(",".join(names) + "\n")
             file.writelines(",".join(row) + "\n" for row in zip(*columns, strict=True))
+
+
+def _quoted(name: str) -> str:
+    """Return a name as a cell of CSV."""
+    doubled = name.replace('"', '""')
+    return f'"{doubled}"' if "," in name or doubled != name else name
 
 
 def cells(values: Any) -> list[str]:

@@ -7,6 +7,7 @@ from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
+from urllib.parse import urlencode
 
 import numpy as np
 from bokeh.models import (
@@ -379,7 +380,7 @@ class Page:
     def _query(self) -> str:
         query, moment = self.state.link(), self.state.now
         if moment.on_disk and moment.scene.path.name in self._scenes():
-            query = f"?scene={moment.scene.path.name}" + query.replace("?", "&", 1)
+            query = f"?{urlencode({'scene': moment.scene.path.name})}" + query.replace("?", "&", 1)
         return query
 
     def _show_beside(self) -> None:

@@ -12,14 +12,13 @@ from typing import Any
 
 from bokeh.application import Application
 from bokeh.application.handlers import FunctionHandler
-from bokeh.models import Div
 from bokeh.server.server import Server
 from jinja2 import Template
 
 from viscovib.errors import InputError, ViscovibError
 from viscovib.explorer.page import Page
 from viscovib.explorer.state import State
-from viscovib.explorer.widgets import alert
+from viscovib.explorer.widgets import alert, words
 from viscovib.scene.scene import Scene
 
 _HERE = "127.0.0.1"
@@ -102,7 +101,7 @@ def start(scene: Scene, keys: Sequence[str] | None = None, port: int = 0) -> tup
         try:
             page = page_of(scene, keys, query, document)
         except ViscovibError as error:
-            document.add_root(Div(text=alert(str(error))))
+            document.add_root(words(alert(str(error))))
             return
         document.add_root(page.view)
 

@@ -164,14 +164,14 @@ class State:
                 pairs = "".join(f"    {key!r}: {value!r},\n" for key, value in changed.items())
                 read += f".override({{\n{pairs}}})"
         else:
-            # Raw, for a backslash in a title is one.
-            read = f'text = r"""\n{self.scene_text()}"""\nPath({_TYPED!r}).write_text(text)\n'
+            lines = "".join(f"    {line!r}\n" for line in self.scene_text().splitlines(True))
+            read = f"text = (\n{lines})\nPath({_TYPED!r}).write_text(text, encoding='utf-8')\n"
             read += f"scene = vv.Scene.read({_TYPED!r})"
         first = "" if self.now.on_disk else "from pathlib import Path\n\n"
         return (
             f"{first}import matplotlib.pyplot as plt\nimport viscovib as vv\n\n{read}\n"
             "result = vv.run(scene)\nprint(result.value.summary())\n"
-            f"result.to_csv('{path.stem}_{self.result.kind}.csv')\n"
+            f"result.to_csv({f'{path.stem}_{self.result.kind}.csv'!r})\n"
             "result.value.plot()\nplt.show()\n"
         )
 

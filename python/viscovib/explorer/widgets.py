@@ -67,7 +67,10 @@ if (cb_obj.active) {
 
 def words(text: str = "") -> Div:
     """Return a place for words, as HTML."""
-    return Div(text=text, sizing_mode="stretch_width", margin=(2, 5, 2, 5))
+    # Formulas may contain links that execute code, which no escape of HTML prevents.
+    return Div(
+        text=text, disable_math=True, sizing_mode="stretch_width", margin=(2, 5, 2, 5)
+    )  # fmt: skip
 
 
 def alert(message: str) -> str:

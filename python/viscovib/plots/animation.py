@@ -17,7 +17,7 @@ from viscovib.common.files import whole_file
 from viscovib.common.parameters import FilePath, Number, Whole
 from viscovib.errors import InputError
 from viscovib.plots.outlines import Drawing, drawing_of
-from viscovib.plots.style import COLOURS
+from viscovib.plots.style import COLOURS, in_brackets, plain
 
 if TYPE_CHECKING:
     from matplotlib.animation import FuncAnimation
@@ -167,7 +167,7 @@ def _animation(
         shapes.append(shape)
     left, right, low, high = drawing.limits()
     for name, height in drawing.names:
-        scene.text(left, height, name, ha="right", va="center")
+        scene.text(left, height, plain(name), ha="right", va="center")
     scene.set(xlim=(left, right), ylim=(low, high), aspect="equal")
     scene.axis("off")
     parts = [rf"$\nu$ = {about}".rstrip()] if about else []
@@ -177,9 +177,8 @@ def _animation(
     moving = np.abs(coordinates).max(axis=0)
     largest = moving.max() or 1.0
     for d in np.argsort(-moving)[:5]:
-        unit = "" if units[d] in ("1", "L") else f" ({units[d]})"
         history.plot(
-            t, coordinates[:, d], label=f"{names[d]}{unit}",
+            t, coordinates[:, d], label=plain(names[d]) + in_brackets(units[d]),
             color=COLOURS[d % len(COLOURS)], linestyle=("-", "--", "-.", ":")[d % 4],
         )  # fmt: skip
     now = history.axvline(t[0], color="0.5", linewidth=1)

@@ -11,6 +11,7 @@ import numpy.typing as npt
 
 from viscovib._native import ComplexArray, FloatArray
 from viscovib.common.parameters import Number, Word
+from viscovib.plots.style import plain
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -62,7 +63,7 @@ class Shown:
 
     def y_label(self, symbol: str, unit: str) -> str:
         """Return the label of the other axis, of a harmonic of a coordinate."""
-        unit = "" if unit in ("1", "L") else unit
+        unit = "" if unit in ("1", "L") else plain(unit)
         if self.y == "phase":
             return f"phase of ${symbol}$ (degrees)"
         if self.y == "db":

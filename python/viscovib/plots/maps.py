@@ -13,7 +13,7 @@ from viscovib.common.files import whole_file
 from viscovib.common.parameters import Flag, Optional, Text, checked
 from viscovib.errors import InputError
 from viscovib.plots.panels import panel
-from viscovib.plots.style import COLOURS, bare
+from viscovib.plots.style import COLOURS, bare, plain
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -105,7 +105,7 @@ def _array(data: Any, name: str | None) -> xr.DataArray:
 
 def _called(array: xr.DataArray) -> str:
     units = array.attrs.get("units")
-    return f"{array.name} ({units})" if units else f"{array.name}"
+    return plain(f"{array.name} ({units})" if units else f"{array.name}")
 
 
 def _draw_map(ax: Axes, axes: list[Any], values: Any, log: bool, label: str) -> None:

@@ -13,7 +13,7 @@ from viscovib.analyses.spectral import Spectrum, name_frequencies
 from viscovib.errors import InputError
 from viscovib.plots.axes import Shown, logarithmic
 from viscovib.plots.panels import Labels, panel, panels
-from viscovib.plots.style import COLOURS, STYLES, bare, in_brackets, symbol
+from viscovib.plots.style import COLOURS, STYLES, bare, in_brackets, plain, symbol
 from viscovib.results.ensemble import Ensemble
 from viscovib.results.steady_motion import SteadyMotion
 from viscovib.results.trajectory import Trajectory
@@ -191,7 +191,7 @@ def plot_spectrum(
             color=COLOURS[j % len(COLOURS)],
             linestyle=STYLES[j % len(STYLES)],
             linewidth=0.9,
-            label=f"${symbol(name)}$" if len(name) < 4 else name,
+            label=f"${symbol(name)}$" if len(name) < 4 else plain(name),
         )
     if bases is not None and columns.size:
         _name_peaks(ax, spectrum.omega[shown], columns[shown].max(axis=1), bases, shown_as)

@@ -19,7 +19,7 @@ from viscovib.plots.axes import moving
 from viscovib.plots.motions import motion_axes, plot_sections, plot_spectrum, plot_trajectory
 from viscovib.plots.scales import moving as moving_steadily, plot_modulation, plot_scales_response
 from viscovib.plots.steady import plot_backbone, plot_branch, plot_motion_branch, plot_response
-from viscovib.plots.style import COLOURS, bare
+from viscovib.plots.style import COLOURS, bare, plain
 from viscovib.results.branch import Branch
 from viscovib.results.ensemble import Ensemble
 from viscovib.results.modulation import Modulation
@@ -132,7 +132,7 @@ def _draw_table(result: TableResult, figure: "Figure", _: Drawn) -> "Sequence[Ax
         # Between things that are counted there is nothing.
         counted = panel.x.dtype.kind == "i"
         axis.plot(panel.x, panel.y, "o" if counted else "o-", color=COLOURS[0], markersize=4)
-        axis.set(ylabel=panel.name, xlabel=panel.x_label)
+        axis.set(ylabel=plain(panel.name), xlabel=panel.x_label)
         axis.xaxis.get_major_locator().set_params(integer=counted)
         bare(axis)
         axis.label_outer()
@@ -221,7 +221,7 @@ def save_picture(
     if others:
         figure.set_size_inches(7, 3 * len(figure.axes))
     if title:
-        figure.suptitle(title, fontsize="medium")
+        figure.suptitle(plain(title), fontsize="medium")
     if small:
         figure.set_size_inches(*(0.6 * x for x in size(result)))
     if not isinstance(path, (str, os.PathLike)):

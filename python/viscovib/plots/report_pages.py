@@ -27,7 +27,7 @@ from viscovib.plots.bodies import (
     plot_energy,
     plot_transmissibility,
 )
-from viscovib.plots.style import COLOURS, STYLES
+from viscovib.plots.style import COLOURS, STYLES, plain
 from viscovib.systems.laws import Law
 
 if TYPE_CHECKING:
@@ -316,8 +316,8 @@ def _write_html(
         draw(figure.add_subplot(projection="3d" if in_space else None))
         data = io.BytesIO()
         figure.savefig(data, format="png", dpi=110)
-        text = base64.b64encode(data.getvalue()).decode()
-        parts.append(f"<h2>{caption}</h2><img alt='{caption}' src='data:image/png;base64,{text}'>")
+        text, escaped = base64.b64encode(data.getvalue()).decode(), html.escape(caption)
+        parts.append(f"<h2>{escaped}</h2><img alt='{escaped}' src='data:image/png;base64,{text}'>")
     page = (
         "<!doctype html><html lang='en'><meta charset='utf-8'>"
         f"<title>{html.escape(title)}</title><style>{_STYLE}</style>{''.join(parts)}"
@@ -356,7 +356,7 @@ def _write_pdf(
 def _page_of_tables(title: str, tables: list[_Table], foot: str) -> Figure:
     page = _figure(8.27, 11.69)
     page.set_layout_engine("constrained", rect=(0.06, 0.04, 0.88, 0.90))
-    page.suptitle(title, y=0.975)
+    page.suptitle(plain(title), y=0.975)
     heights = [len(rows) + 2.5 for _, _, rows in tables]
     axes = page.subplots(len(tables) + 1, 1, height_ratios=[*heights, max(40 - sum(heights), 0.1)])
     axes[-1].axis("off")

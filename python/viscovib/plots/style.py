@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -18,21 +19,30 @@ BY_STABILITY: tuple[tuple[bool | None, str, dict[str, Any]], ...] = (
     (False, "unstable", {"color": COLOURS[2], "linewidth": 1.3, "linestyle": (0, (4, 2))}),
     (None, "stability unknown", {"color": "0.45", "linewidth": 1.5, "linestyle": (0, (1, 1.2))}),
 )
+#: Names that need no escapes, and signs that need one where a text stands in a formula.
+_WORD, _SIGN, _ESCAPED = re.compile(r"\w+"), re.compile(r"([\\{}$])"), r"\\\1"
 SYMBOLS = {"x": "x", "phi": r"\varphi", "psi": r"\psi"}
+
+
+def plain(text: str) -> str:
+    """Return a text of a user as matplotlib draws it unchanged: a dollar begins no formula."""
+    return text.replace("$", r"\$")
 
 
 def in_brackets(unit: str) -> str:
     """Unit in brackets; nothing of a coordinate that has none."""
-    return "" if unit in ("1", "L") else f" ({unit})"
+    return "" if unit in ("1", "L") else f" ({plain(unit)})"
 
 
 def symbol(name: str) -> str:
     """How a name looks in mathematics: Greek, italic with a number below, or upright."""
-    if name in SYMBOLS or (len(name) == 1 and name != "_"):
+    if name in SYMBOLS or (len(name) == 1 and name.isalnum()):
         return SYMBOLS.get(name, name)
-    if name[0].isalpha() and name[1:].isdigit():
+    if name[:1].isalpha() and name[1:].isdigit():
         return f"{{{name[0]}_{{{name[1:]}}}}}"
-    return rf"\mathrm{{{name}}}".replace("_", r"\_")
+    if _WORD.fullmatch(name):
+        return rf"\mathrm{{{name}}}".replace("_", r"\_")
+    return rf"\text{{{_SIGN.sub(_ESCAPED, name)}}}"
 
 
 def harmonic_of(name: str, order: int | tuple[int, ...]) -> str:

@@ -280,7 +280,7 @@ def plan(scene: Scene | str | os.PathLike[str]) -> Plan:
     read = scene if isinstance(scene, Scene) else Scene.read(scene)
     if read.groups["sweep"]:
         return _plan_sweep(read)
-    return Plan(read_text(core.scene_plan, f"{read.path}".encode(), read.canonical.encode()))
+    return Plan(read_text(core.scene_plan, os.fsencode(read.path), read.canonical.encode()))
 
 
 def _plan_sweep(scene: Scene) -> Plan:

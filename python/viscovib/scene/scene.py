@@ -514,7 +514,9 @@ def _canonical(path: str | os.PathLike[str], allow_paths: bool) -> str:
 
 
 def _canonical_text(name: str, text: str) -> str:
-    return read_text(core.scene_canonical_of_text, name.encode(), _native.letters("scene", text))
+    return read_text(
+        core.scene_canonical_of_text, *(_native.letters("scene", one) for one in (name, text))
+    )
 
 
 def read_text(routine: Callable[..., tuple[Any, ...]], *given: bytes | int) -> str:

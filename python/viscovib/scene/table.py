@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import os
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from importlib.metadata import version
@@ -103,7 +104,7 @@ def run_tables(scene: Scene, kinds: Sequence[str], plan: Plan) -> list[TableResu
     with TemporaryDirectory(prefix="viscovib") as folder:
         text, length, complete = _native.call(
             core.scene_run,
-            f"{scene.path}".encode(),
+            os.fsencode(scene.path),
             scene.canonical.encode(),
             folder.encode(),
             4096,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple, TypeAlias
@@ -136,6 +137,10 @@ def square_matrix(name: str, value: npt.ArrayLike | None, n: int | None) -> Floa
     return np.asarray(matrix)
 
 
+#: Characters that would end a line of a table, or that no file can hold.
+_NO_LETTER = re.compile(r"[\x00-\x1f\x7f-\x9f\u2028\u2029\ud800-\udfff]")
+
+
 def texts_of(name: str, value: Any, n: int) -> tuple[str, ...]:
     """Check that there is a text for each coordinate."""
     if isinstance(value, str) or not isinstance(value, Sequence):
@@ -145,6 +150,11 @@ def texts_of(name: str, value: Any, n: int) -> tuple[str, ...]:
         raise InputError(f"{name} = {_native.shown(value)}: must be {n} texts, one per coordinate")
     for word in words:
         _native.letters(name, word)
+        if _NO_LETTER.search(word):
+            raise InputError(
+                f"{name} = {_native.shown(word)}: must not contain control characters, ends of "
+                "lines or halves of surrogate pairs"
+            )
     return words
 
 
