@@ -54,6 +54,25 @@ void viscovib_limit_seconds(double seconds) {
   set_timer(seconds);
 }
 
+/* The stack grows up to its limit, which may be raised up to the hard one. */
+__attribute__((constructor)) static void need_stack(void) {
+  struct rlimit limit;
+  const rlim_t wanted = 8u << 20, least = 1u << 20;
+  char message[200];
+  ssize_t ignored;
+  if (getrlimit(RLIMIT_STACK, &limit) != 0) return;
+  if (limit.rlim_cur == RLIM_INFINITY || limit.rlim_cur >= wanted) return;
+  limit.rlim_cur = limit.rlim_max == RLIM_INFINITY || limit.rlim_max > wanted ? wanted : limit.rlim_max;
+  setrlimit(RLIMIT_STACK, &limit);
+  if (limit.rlim_cur >= least) return;
+  snprintf(message, sizeof message,
+           "viscovib-solve: the limit of the stack is %lu kB, must be at least 1024 kB (ulimit -s)\n",
+           (unsigned long)(limit.rlim_cur >> 10));
+  ignored = write(STDERR_FILENO, message, strlen(message));
+  (void)ignored;
+  _exit(2);
+}
+
 /* Memory that this program may use: that of the machine or of its control group. */
 static double available(void) {
   double most = (double)sysconf(_SC_PHYS_PAGES) * (double)sysconf(_SC_PAGESIZE), bound;

@@ -5,10 +5,10 @@
 !! 3 a file cannot be read or written. Of several scenes each is tried; the largest counts.
 program viscovib_solve
   use, intrinsic :: iso_c_binding, only: c_double
-  use, intrinsic :: iso_fortran_env, only: error_unit, output_unit
+  use, intrinsic :: iso_fortran_env, only: error_unit
   use viscovib_command_line, only: command_line, read_command_line
   use viscovib_counters, only: counted, counter_names
-  use viscovib_files, only: ignore_file_limit
+  use viscovib_files, only: ignore_file_limit, print_line
   use viscovib_run_scene, only: plan_scene, run_scene, scene_report
   use viscovib_scene, only: read_scene, scene_type
   use viscovib_kinds, only: wp
@@ -32,6 +32,8 @@ program viscovib_solve
 
   type(command_line) :: command
   type(status_type) :: status
+  !> What was wrong with the standard output, once.
+  type(status_type) :: printed
   integer :: i, exit_status
 
   call ignore_file_limit()
@@ -39,8 +41,8 @@ program viscovib_solve
   if (status%failed()) call tell(status)
   if (status%failed()) stop status%category, quiet=.true.
   if (command%text /= '') then
-    write (output_unit, '(a)') command%text
-    stop 0, quiet=.true.
+    call put(command%text)
+    stop printed%category, quiet=.true.
   end if
 
   call limit_memory(command%memory)
@@ -56,6 +58,7 @@ program viscovib_solve
     exit_status = max(exit_status, status_of(command%scenes(i)%path))
   end do
   if (command%count) call say_counts()
+  exit_status = max(exit_status, printed%category)
   stop exit_status, quiet=.true.
 
 contains
@@ -64,7 +67,7 @@ contains
   integer function status_of(path)
     character(len=*), intent(in) :: path
     type(scene_type) :: scene
-    character(len=:), allocatable :: plan
+    character(len=:), allocatable :: plan, line
     type(scene_report) :: report
     call read_scene(path, scene, status, allow_paths=command%allow_paths)
     if (.not. status%failed()) call plan_scene(scene, plan, status)
@@ -73,10 +76,11 @@ contains
       call tell(status)
       return
     end if
-    call say(error_unit, 'warning: ', scene%subject%warnings())
+    call warn(scene%subject%warnings())
     if (command%plan) then
-      if (size(command%scenes) > 1) call say(output_unit, '', one_line(path)//':'//new_line('a'))
-      call say(output_unit, '', plan)
+      if (command%quiet) return
+      if (size(command%scenes) > 1) call put(one_line(path)//':')
+      call put(plan(:len(plan) - 1))
       return
     end if
     call run_scene(scene, command%folder, version, report, status)
@@ -85,11 +89,14 @@ contains
       call tell(status)
       return
     end if
-    if (.not. command%quiet) then
-      write (output_unit, '(a)') one_line(report%path//': '//told_stop(report)//report%summary)
-    end if
     if (cut_short()) report%complete = .false.
     if (.not. report%complete) status_of = 1
+    line = one_line(report%path//': '//told_stop(report)//report%summary)
+    if (.not. command%quiet) then
+      call put(line)
+    else if (.not. report%complete) then
+      call warn(line//new_line('a'))
+    end if
   end function status_of
 
   subroutine tell(status)
@@ -108,24 +115,34 @@ contains
   end function told_stop
 
   subroutine say_counts()
+    character(len=80) :: line
     integer :: i
     do i = 1, size(counter_names)
-      write (output_unit, '(3a,i0)') 'counted: ', trim(counter_names(i)), ': ', counted(i)
+      write (line, '(3a,i0)') 'counted: ', trim(counter_names(i)), ': ', counted(i)
+      call put(trim(line))
     end do
   end subroutine say_counts
 
-  !> Lines of text, each ended by a new-line character.
-  subroutine say(unit, prefix, text)
-    integer, intent(in) :: unit
-    character(len=*), intent(in) :: prefix, text
+  !> A line on the standard output.
+  subroutine put(line)
+    character(len=*), intent(in) :: line
+    type(status_type) :: failed
+    if (printed%failed()) return
+    call print_line(line, failed)
+    if (failed%failed()) call tell(failed)
+    printed = failed
+  end subroutine put
+
+  !> Warnings, each ended by a new-line character.
+  subroutine warn(text)
+    character(len=*), intent(in) :: text
     integer :: first, last
-    if (command%quiet .and. unit == output_unit) return
     first = 1
     do while (first <= len(text))
       last = first + index(text(first:), new_line('a')) - 2
-      write (unit, '(2a)') prefix, text(first:last)
+      write (error_unit, '(2a)') 'warning: ', text(first:last)
       first = last + 2
     end do
-  end subroutine say
+  end subroutine warn
 
 end program viscovib_solve

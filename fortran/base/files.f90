@@ -1,11 +1,12 @@
 !> Folders and whole files: what Fortran's own statements leave out.
 module viscovib_files
   use, intrinsic :: iso_c_binding, only: c_char, c_int, c_null_char
-  use viscovib_status, only: fail, status_io_error, status_type
+  use viscovib_status, only: fail, set_ok, status_io_error, status_type
   implicit none
   private
 
-  public :: make_folder, replace_file, remove_file, stem, reason, real_path, ignore_file_limit
+  public :: make_folder, replace_file, remove_file, stem, reason, real_path, ignore_file_limit, &
+    print_line
 
   interface
     integer(c_int) function c_make_folder(path) bind(c, name='viscovib_make_folder')
@@ -35,6 +36,12 @@ module viscovib_files
       character(kind=c_char), intent(out) :: text(*)
       integer(c_int), value :: room
     end function c_real_path
+
+    integer(c_int) function c_print(text, n) bind(c, name='viscovib_print')
+      import :: c_char, c_int
+      character(kind=c_char), intent(in) :: text(*)
+      integer(c_int), value :: n
+    end function c_print
 
     !> Writing beyond the largest size allowed is an error then, not the end of the program.
     subroutine ignore_file_limit() bind(c, name='viscovib_ignore_file_limit')
@@ -69,6 +76,17 @@ contains
     integer(c_int) :: code
     code = c_remove(path//c_null_char)
   end subroutine remove_file
+
+  !> Print a line on the standard output.
+  subroutine print_line(line, status)
+    character(len=*), intent(in) :: line
+    type(status_type), intent(out) :: status
+    integer(c_int) :: code
+    code = c_print(line//new_line('a'), len(line, c_int) + 1_c_int)
+    call set_ok(status)
+    if (code /= 0_c_int) call fail(status, status_io_error, 'standard output', &
+                                   'standard output: cannot be written ('//reason(code)//')')
+  end subroutine print_line
 
   !> What the system says about a failure of a file.
   function reason(code)

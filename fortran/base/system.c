@@ -52,6 +52,18 @@ int viscovib_read_and_close(int file, char *text, int64_t size) {
   return why;
 }
 
+/* Write to the standard output at once; 0, or why not. Fortran's own statements hide a full disk. */
+int viscovib_print(const char *text, int n) {
+  while (n > 0) {
+    ssize_t written = write(STDOUT_FILENO, text, (size_t)n);
+    if (written < 0 && errno != EINTR) return -errno;
+    if (written <= 0) continue;
+    text += written;
+    n -= (int)written;
+  }
+  return 0;
+}
+
 void viscovib_close(int file) { close(file); }
 
 /* Make a new file to write into. What stands there under this name is removed first, and is not

@@ -2,7 +2,7 @@
 module viscovib_text_cursor
   use viscovib_kinds, only: wp
   use viscovib_number_text, only: parse_real
-  use viscovib_status, only: show
+  use viscovib_status, only: clipped, show
   implicit none
   private
 
@@ -129,7 +129,7 @@ contains
       last = last + verify(self%text(last:), digits) - 1
     end if
     call parse_real(self%text(first:last - 1), value, ok)
-    if (.not. ok) self%fault = "'"//self%text(first:last - 1)//"' is not a finite number"
+    if (.not. ok) self%fault = "'"//clipped(self%text(first:last - 1))//"' is not a finite number"
     self%at = last
   end subroutine read_digits
 

@@ -9,7 +9,7 @@ module viscovib_polynomial_text
   use viscovib_kinds, only: wp
   use viscovib_namelist, only: lower
   use viscovib_polynomial, only: max_degree
-  use viscovib_status, only: show
+  use viscovib_status, only: clipped, show
   use viscovib_text_cursor, only: digits, text_cursor
   implicit none
   private
@@ -164,7 +164,7 @@ contains
           if (names(i) == name) exit
         end do
         if (i > size(names)) then
-          cursor%fault = "'"//name//"' is not a coordinate"
+          cursor%fault = "'"//clipped(name)//"' is not a coordinate"
           if (size(names) == 1) cursor%fault = cursor%fault//' (only '//trim(names(1))//' is)'
           cursor%fault = cursor%fault//'; a parameter is written as its number'
         else

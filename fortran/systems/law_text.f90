@@ -17,7 +17,7 @@ module viscovib_law_text
     f_pow, first_function, functions, known_power, law_program, multiply, negate, operands, &
     parity_of, power, put_argument, put_number, square, subtract, wall
   use viscovib_near_words, only: distance
-  use viscovib_status, only: show
+  use viscovib_status, only: clipped, show
   use viscovib_text_cursor, only: digits, text_cursor
   implicit none
   private
@@ -309,7 +309,7 @@ contains
     if (cursor%peek() == '(') then
       i = place_of(name, functions)
       if (i == 0) then
-        cursor%fault = "'"//name//"' is not a known function"//likely(name, functions)
+        cursor%fault = "'"//clipped(name)//"' is not a known function"//likely(name, functions)
         return
       end if
       code = first_function + i - 1
@@ -335,7 +335,7 @@ contains
     else if (name == 'pi') then
       call emit(cursor, put_number, pi)
     else
-      cursor%fault = "'"//name//"' is neither a variable nor a parameter" &
+      cursor%fault = "'"//clipped(name)//"' is neither a variable nor a parameter" &
                      //likely(name, known)
     end if
   end subroutine read_name

@@ -1,10 +1,28 @@
 """The command ``viscovib``, also as ``python -m viscovib``."""
 
+import os
 import sys
+from contextlib import suppress
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Run one command; the version alone is told without loading what computes."""
+    """Run one command; the exit status is that of the standalone driver."""
+    try:
+        status = _run(arguments)
+        sys.stdout.flush()
+    except OSError as error:
+        if not isinstance(error, BrokenPipeError):
+            why = error.strerror or error
+            print(f"viscovib: standard output: cannot be written ({why})", file=sys.stderr)
+        # What could not be written would be tried again at the end.
+        with suppress(OSError, ValueError):
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 3
+    return status
+
+
+def _run(arguments: list[str] | None) -> int:
+    # The version alone is printed without loading what computes.
     if (sys.argv[1:] if arguments is None else arguments) == ["--version"]:
         from viscovib import __version__
 

@@ -54,6 +54,8 @@ def number(name: str, value: object, other: str = "") -> float:
         refuse_mask(name, value)
         if isinstance(value, (bool, np.bool_, str, bytes)) or value is None:
             raise InputError(f"{name} = {shown(value)}: must be a real number{other}")
+        if getattr(getattr(value, "dtype", None), "kind", "") == "c":
+            raise InputError(f"{name} = {shown(value)}: must be a real number{other}")
         try:
             value = float(value)  # type: ignore[arg-type]
         except Exception:

@@ -5,6 +5,7 @@ import resource
 import signal
 import stat
 import subprocess
+import sys
 import time
 
 import pytest
@@ -132,6 +133,65 @@ def test_only_regular_files_are_read(solve, tmp_path):
     scene = tmp_path / "scene.nml"
     scene.write_text(with_table("pipe"))
     check_failure(solve(scene, "--out", out), 3, "not a regular file", out)
+
+
+def test_a_standard_output_that_is_full_is_status_3(solve, tmp_path):
+    """The plan and the summary are what was asked for: without them nothing is done."""
+    scene = tmp_path / "scene.nml"
+    scene.write_text(GOOD)
+    driver = [solve("--version").args[0]]
+    python = [sys.executable, "-m", "viscovib"]
+    calls = [
+        [*driver, scene, "--plan"],
+        [*driver, scene, "--out", tmp_path / "out"],
+        [*driver, "--help"],
+        [*python, "plan", scene],
+        [*python, "run", scene, "--out", tmp_path / "out", "--json"],
+        [*python, "--version"],
+    ]
+    for call in calls:
+        with open("/dev/full", "w") as full:
+            done = subprocess.run(call, stdout=full, stderr=subprocess.PIPE, text=True, timeout=120)
+        assert done.returncode == 3, call
+        assert len(done.stderr.splitlines()) == 1, done.stderr
+        assert "standard output: cannot be written (No space left on device)" in done.stderr
+
+
+@pytest.mark.skipif("sanitize" in os.environ.get("VISCOVIB_SOLVE", ""), reason="its own stack")
+def test_a_small_stack_is_refused_or_raised(solve, tmp_path):
+    scene = tmp_path / "scene.nml"
+    scene.write_text(GOOD)
+    driver = solve("--version").args[0]
+
+    def run(limit):
+        return subprocess.run(
+            ["sh", "-c", f"ulimit {limit}; exec {driver} {scene} --out {tmp_path}"],
+            capture_output=True, text=True, timeout=120,
+        )  # fmt: skip
+
+    assert run("-S -s 64").returncode == 0
+    assert run("-s 1024").returncode == 0
+    done = run("-s 64")
+    assert done.returncode == 2
+    assert done.stderr == (
+        "viscovib-solve: the limit of the stack is 64 kB, must be at least 1024 kB (ulimit -s)\n"
+    )
+
+
+def test_a_quiet_run_says_why_its_status_is_1(solve, tmp_path):
+    scene = tmp_path / "scene.nml"
+    scene.write_text(
+        "&system coordinates='x', mass=1, stiffness=1 /\n&load amplitude=1 /\n"
+        "&response nu=1 2, method='linear' /\n"
+    )
+    for done in (
+        solve(scene, "--out", tmp_path, "--quiet"),
+        command("run", scene, "--out", tmp_path, "--quiet"),
+    ):
+        assert (done.returncode, done.stdout) == (1, "")
+        assert done.stderr.startswith("warning: ")
+        assert "1 of 2 frequencies solved" in done.stderr
+        assert len(done.stderr.splitlines()) == 1
 
 
 def test_names_with_blanks_and_new_lines(solve, tmp_path):

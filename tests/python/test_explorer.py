@@ -92,6 +92,16 @@ def test_undo_redo_and_the_way_back():
     assert state.value("mount.inertia") == 0.1
 
 
+def test_an_address_that_is_no_text_is_read():
+    """Bytes that are no UTF-8, and names of scenes that no file can have."""
+    from viscovib.explorer.server import page_of, query_of
+
+    assert query_of({"a": [b"\xff"], "b": [b"2", b"3"]}) == [("a", "\ufffd"), ("b", "2")]
+    scene = vv.Scene.read(SCENES / "mount_two_kernels.nml")
+    for name in ("x" * 5000 + ".nml", "x\0.nml", "\ufffd.nml"):
+        assert page_of(scene, query=[("scene", name)]).state.now.scene.path == scene.path
+
+
 def test_a_link_leads_to_the_same_scene():
     state = State(vv.Scene.read(SCENES / "mount_two_kernels.nml"))
     state.set_exactly("load(2).amplitude", "0.05")

@@ -1,5 +1,6 @@
 """Fits: parameters given back, intervals that hold the truth, what data do not constrain."""
 
+import json
 from pathlib import Path
 
 import mpmath as mp
@@ -405,6 +406,13 @@ class TestFiles:
         pair = [vv.propagate(one, lambda s: s.modulus, samples=5).answers for one in (fit, back)]
         assert pair[0] == pytest.approx(pair[1], rel=1e-6)
         assert vv.read_kernel(tmp_path / "f.json").transform(2.0) == fit.kernel.transform(2.0)
+        saved = json.loads((tmp_path / "f.json").read_text())
+        if "unknowns" in saved["fit"]:
+            # Their printing would take a minute.
+            saved["fit"]["unknowns"][0] = -1e308
+            (tmp_path / "f.json").write_text(json.dumps(saved))
+            with pytest.raises(vv.InputError, match=r"unknowns: 1e.308 .* must be at most 700"):
+                vv.read_fit(tmp_path / "f.json")
 
     @pytest.mark.parametrize(
         ("text", "told"),

@@ -24,6 +24,15 @@ def physical(**changes):
     return vv.Pendulum.from_physical(**given)
 
 
+def terms(**changes):
+    kernel = vv.AbelKernel(amplitude=0.1, alpha=0.3)
+    return vv.prony_terms(kernel, **({"t_min": 1e-3, "t_max": 10, "tolerance": 0.05} | changes))
+
+
+NESTED = []
+NESTED.append(NESTED)
+
+
 def body(**changes):
     given = {"mass": 1, "inertia": 0.1, "offset": 0.5, "stiffness_x": 10, "stiffness_phi": 2}
     return vv.Mount(**(given | {"damping": [[0.2, -0.1], [-0.1, 0.09]]} | changes))
@@ -112,6 +121,16 @@ def joined(**options):
         ),
         (lambda: cubic(initial=[1, 0], method="RK45"), "'gauss16', .*'rk4', .*'gauss6'"),
         (lambda: cubic(initial=[1, 0], events=["y"]), r"'y' is neither a variable \(x, x_dot, t\)"),
+        (lambda: vv.AbelKernel(amplitude=np.complex128(1), alpha=0.3), "must be a real number"),
+        (lambda: swing(np.array(5 + 0j)), "must be a real number"),
+        (lambda: vv.spectrum(swing(dt=0.5), coordinates=np.float16(1.5)), "coordinates = .*names"),
+        (lambda: vv.spectrum(swing(dt=0.5), coordinates=[1]), r"coordinates = \[1\]: .*names"),
+        (lambda: terms(modulus=5e-324), "modulus = 4.94066e-324: must be in "),
+        (lambda: terms(modulus=1e308), r"modulus = 1e\+308: must be"),
+        (lambda: vv.animate(swing(dt=0.5), fps=1e-320), "fps = 9.99989e-321: must be"),
+        (lambda: vv.Spring(on="x", law="a" * 19000), r"law = 'a+\.\.\.': 'a+\.\.\.' is neither"),
+        (lambda: vv.Spring(on="x", law=NESTED), "law = "),
+        (lambda: vv.PolynomialSystem(mass=1, stiffness=1, forces="x+" + "9" * 5000), "forces"),
         (lambda: respond(load="0.1"), "load = '0.1': must be numbers, got text"),
         (lambda: respond(load=[None, 1]), "must be numbers, got None"),
         (lambda: respond(load=np.sin), "must be numbers, got a ufunc"),
@@ -249,6 +268,7 @@ def test_wrong_arguments_are_told_in_a_line(work, text):
     with pytest.raises(vv.ViscovibError, match=text) as told:
         work()
     assert "\n" not in str(told.value)
+    assert len(str(told.value)) < 1000
 
 
 def test_a_mask_that_hides_nothing_is_no_mask():

@@ -446,11 +446,17 @@ class _Job:
         cancel = np.zeros(1, dtype=np.intc)
         slices = [slice(i, min(i + piece, n)) for i in range(0, n, piece)]
         work = n * n_steps * (1 + self.exponents)
-        if len(slices) == 1 and self.members.side_by_side and work <= _SHORT:
-            parts = [self._piece(slices[0], n_steps, cancel)]
-        else:
-            parts = self._in_threads(slices, n_steps, cancel, progress)
-        whole = [np.concatenate(pieces, axis=-1) for pieces in zip(*parts, strict=True)]
+        try:
+            if len(slices) == 1 and self.members.side_by_side and work <= _SHORT:
+                parts = [self._piece(slices[0], n_steps, cancel)]
+            else:
+                parts = self._in_threads(slices, n_steps, cancel, progress)
+            whole = [np.concatenate(pieces, axis=-1) for pieces in zip(*parts, strict=True)]
+        except MemoryError:
+            raise InputError(
+                f"sections: {self.length.periods} periods of {n} runs hold more than fits into "
+                "memory, must be fewer"
+            ) from None
         state, ended, reached, peak, mean, rms, amplitudes, sections, lyapunov, unsure = whole
         return _Raw(
             state=np.ascontiguousarray(state.T),

@@ -329,7 +329,7 @@ class MountRun(Run):
         return float(_REACH * self.motion.end)
 
     def _takes_long(self, count: int) -> bool:
-        """Whether steps may take long: many, or the first, whose weights are found by quadrature."""
+        """Whether steps may take long: many, or the first, whose weights need quadratures."""
         first = self.memory is None or self.anew
         return first or self.past != "exponentials" or count > _native.MANY_STEPS
 

@@ -9,8 +9,11 @@ import numpy.typing as npt
 
 from viscovib import _native
 from viscovib._native import ComplexArray, FloatArray, core
+from viscovib.common.parameters import Names
 from viscovib.errors import ConvergenceWarning, InputError
 from viscovib.results.trajectory import Trajectory
+
+_WANTED = Names("coordinates")
 
 
 @dataclass(frozen=True)
@@ -75,7 +78,7 @@ def _of_trajectory(
             f"{run.dof_names[0]!r}, of the coordinate of the Trajectory that is wanted"
         )
     else:
-        names = run.dof_names if coordinates is None else tuple(coordinates)
+        names = run.dof_names if coordinates is None else _WANTED.check(coordinates)
         if not names:
             raise InputError("coordinates: must name at least one coordinate")
         columns = np.stack([run.coordinate(name) for name in names], axis=1)

@@ -209,6 +209,10 @@ def _run(options: argparse.Namespace) -> int:
         print(f"{one_line(str(table))}: " + value.summary().replace("\n", "\n  "))
         if wanting and result.spectrum is not None:
             print("spectrum: " + result.spectrum.summary().replace("\n", "\n  "))
+    elif status:
+        told = result.spectrum if value.complete and result.spectrum is not None else value
+        summary = told.summary().splitlines()[0]
+        print(f"warning: {one_line(str(table))}: {summary}", file=sys.stderr)
     return status
 
 

@@ -11,6 +11,8 @@ import numpy as np
 
 #: Of arrays no longer than this every number is printed.
 _FEW = 6
+#: Lists within lists that are copied.
+_DEEPEST = 32
 
 
 class Value:
@@ -32,16 +34,21 @@ class Value:
         return f"{type(self).__name__}({told})"
 
 
-def own(value: Any) -> Any:
-    """Return what was given as nobody else can change it: arrays as copies that are read-only."""
+def own(value: Any, deep: int = 0) -> Any:
+    """Return what was given as nobody else can change it: arrays as copies that are read-only.
+
+    ``deep``: lists around it. Deeper lists, or a list within itself, are no argument.
+    """
+    if deep > _DEEPEST:
+        return value
     if isinstance(value, np.ndarray):
         array = np.array(value, subok=True)
         array.setflags(write=False)
         return array
     if type(value) in (list, tuple):
-        return type(value)(map(own, value))
+        return type(value)([own(one, deep + 1) for one in value])
     if type(value) is dict:
-        return {key: own(one) for key, one in value.items()}
+        return {key: own(one, deep + 1) for key, one in value.items()}
     # Matrices of SciPy and what else holds numbers, as tables and buffers.
     holds = hasattr(value, "__array__") or hasattr(value, "toarray") or hasattr(value, "typecode")
     return copy.deepcopy(value) if holds else value

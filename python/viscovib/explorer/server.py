@@ -2,11 +2,12 @@
 
 import contextlib
 import logging
+import os
 import secrets
 import signal
 import socket
 import webbrowser
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -61,6 +62,11 @@ _TEMPLATE = Template(
 )
 
 
+def query_of(arguments: Mapping[str, Sequence[bytes]]) -> list[tuple[str, str]]:
+    """Return the first value of each key of an address; bytes that are no text are replaced."""
+    return [(key, value.decode(errors="replace")) for key, (value, *_) in arguments.items()]
+
+
 def page_of(
     scene: Scene,
     keys: Sequence[str] | None = None,
@@ -75,7 +81,8 @@ def page_of(
     wanted = dict(query).get("scene")
     if folder is not None and wanted and wanted != scene.path.name:
         named = folder / Path(wanted).name
-        if named.suffix == ".nml" and named.exists():
+        # A name that no file can have is the name of none.
+        if named.suffix == ".nml" and os.path.exists(named):
             scene, keys = Scene.read(named), None
     state = State(scene, keys)
     wrong = ""
@@ -93,8 +100,7 @@ def start(scene: Scene, keys: Sequence[str] | None = None, port: int = 0) -> tup
     """Start the server; return it and the address of the page."""
 
     def session(document: Any) -> None:
-        arguments = document.session_context.request.arguments
-        query = [(key, value.decode()) for key, (value, *_) in arguments.items()]
+        query = query_of(document.session_context.request.arguments)
         document.title = f"viscovib: {scene.path.name}"
         document.template = _TEMPLATE
         document.template_variables["name_sliders"] = _NAME_SLIDERS

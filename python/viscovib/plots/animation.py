@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from matplotlib.animation import FuncAnimation
     from matplotlib.figure import Figure
 
-_FRAMES, _RATE = Whole("frames", 2, 5000), Number("fps", above=0, highest=200)
+_FRAMES, _RATE = Whole("frames", 2, 5000), Number("fps", lowest=1e-3, highest=200)
 #: Frames of one period, and of a motion in time at most.
 _OF_PERIOD, _OF_MOTION = 60, 400
 _SUFFIXES = (".gif", ".html", ".mp4")
@@ -57,7 +57,7 @@ def animate(
     frames : int, optional
         Pictures: by default 60 a period, or up to 400 of the last states of a motion in time.
     fps : float
-        Pictures per second, up to 200.
+        Pictures per second, 0.001 to 200.
 
     Returns
     -------

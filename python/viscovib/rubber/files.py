@@ -33,6 +33,8 @@ from viscovib.rubber.shift_fit import ShiftTable
 _Made = TypeVar("_Made")
 _FORMAT, _VERSION = "viscovib kernel", 1
 _LARGEST = 64 * 2**20
+#: Largest unknown of a fit: most are logarithms, of numbers up to 1e304.
+_FARTHEST = 700.0
 _KERNELS: dict[str, tuple[type[Kernel], tuple[str, ...]]] = {
     "rzhanitsyn": (RzhanitsynKernel, ("amplitude", "alpha", "beta")),
     "rabotnov": (RabotnovKernel, ("amplitude", "alpha", "beta")),
@@ -243,6 +245,10 @@ def _fit_of(content: Mapping[str, Any]) -> KernelFit:
     theta = _native.real_array("unknowns", _entry(saved, "unknowns"), ndim=1)
     if theta.size != model.size:
         raise InputError(f"unknowns: has {theta.size} numbers, must have {model.size}")
+    if np.abs(theta).max(initial=0.0) > _FARTHEST:
+        raise InputError(
+            f"unknowns: {np.abs(theta).max():g} is the largest, must be at most {_FARTHEST:g}"
+        )
     return ParametricFit(
         model=model,
         measured=measured,
