@@ -20,6 +20,9 @@ module viscovib_structure_rest
   integer, parameter, public :: most_coupled = 100
   !> Part of what is summed that is rounding.
   real(wp), parameter :: rounding = 1.0e-12_wp
+  !> A diagonal entry that is larger than this multiple of all others is a support by the penalty
+  !! method, next to which the digits of the other coordinates are lost.
+  real(wp), parameter :: huge_ratio = 1.0e20_wp
 
   !> Damping that leaves modes uncoupled: ratios (one or one a mode), Rayleigh's factors of M and K,
   !! loss factor.
@@ -62,6 +65,9 @@ contains
     real(wp), intent(in) :: low(:, :)
 
     call set_ok(status)
+    call refuse_penalty(mass, 'mass', status)
+    call refuse_penalty(stiffness, 'stiffness', status)
+    if (status%failed()) return
     rest%idle = .not. any(abs(mass) > 0.0_wp, 2)
     if (any(rest%idle)) then
       allocate (rest%springs(0, 0))
@@ -73,6 +79,26 @@ contains
       call find_modes(rest, mass, damping, stiffness, places, places, modal, status)
     end if
   end subroutine new_rest
+
+  !> Refuse a coordinate that a huge number on the diagonal fixes.
+  subroutine refuse_penalty(matrix, name, status)
+    real(wp), intent(in) :: matrix(:, :)
+    character(len=*), intent(in) :: name
+    type(status_type), intent(inout) :: status
+    real(wp) :: diagonal(size(matrix, 1)), next
+    integer :: i
+
+    diagonal = [(abs(matrix(i, i)), i=1, size(diagonal))]
+    do i = 1, size(diagonal)
+      next = maxval(diagonal, mask=diagonal < diagonal(i)/huge_ratio)
+      if (.not. next > 0.0_wp .or. status%failed()) cycle
+      if (any(diagonal >= diagonal(i)/huge_ratio .and. diagonal <= next*huge_ratio &
+              .and. diagonal > next)) cycle
+      call fail(status, status_input_error, name, name//': coordinate '//show(i)//' has ' &
+                //show(diagonal(i))//' on the diagonal, more than '//show(huge_ratio) &
+                //' times as much as others; for a support remove its row and column')
+    end do
+  end subroutine refuse_penalty
 
   !> The modes of what has mass; the places are where these and what follows them are.
   subroutine find_condensed(rest, mass, damping, stiffness, places, modal, status)

@@ -127,3 +127,18 @@ def test_what_is_refused(solve, tmp_path, old, new, text):
     check_failure(solve(scene, "--out", out), 2, text, out)
     with pytest.raises(vv.InputError, match=r"scene\.nml"):
         vv.Scene.read(scene)
+
+
+@pytest.mark.parametrize(
+    "numbers", ["mass=1 1 stiffness=1d32 -1 -1 2", "mass=1d24 1 stiffness=1 0 0 2"]
+)
+def test_supports_by_huge_numbers_are_refused(solve, tmp_path, numbers):
+    scene = tmp_path / "scene.nml"
+    scene.write_text(
+        f"&structure size=2 {numbers} /\n&load on='x2' amplitude=1 /\n&response nu=0.5 /\n"
+    )
+    (tmp_path / "out").mkdir()
+    done = solve(scene, "--out", tmp_path / "out")
+    check_failure(
+        done, done.returncode, "for a support remove its row and column", tmp_path / "out"
+    )

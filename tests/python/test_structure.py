@@ -450,3 +450,64 @@ def test_polynomial_systems_are_condensed_underneath() -> None:
 def test_bad_input(given: dict, message: str) -> None:
     with pytest.raises(vv.InputError, match=message):
         vv.Structure(**({"mass": np.ones(3), "stiffness": chain(3)} | given))
+
+
+def penalty_structures(rng, count):
+    """Random structures with coordinates fixed by huge numbers, and the same without them."""
+    for i in range(count):
+        n = int(rng.integers(3, 8))
+        a, b = rng.normal(size=(2, n, n))
+        stiffness = 1e4 * (a @ a.T + 0.3 * np.eye(n))
+        mass = b @ b.T / n + np.eye(n)
+        damping = 0.5 * mass + 1e-4 * stiffness
+        fixed = rng.permutation(n)[: int(rng.integers(1, n - 1))]
+        free = np.setdiff1d(np.arange(n), fixed)
+        penalty = 10.0 ** rng.uniform(26, 60)
+        held, heavy, springs = stiffness.copy(), mass.copy(), []
+        if i % 3 == 0:
+            held[fixed, fixed] = penalty
+        elif i % 3 == 1:
+            heavy[fixed, fixed] = penalty
+        else:
+            springs = [
+                vv.Spring(on=f"x{j + 1}", law="k*d", parameters={"k": penalty}) for j in fixed
+            ]
+        names = [f"x{j + 1}" for j in free]
+        cubic = [vv.Spring(on=names[-1], law="1e5*d^3")]
+        with pytest.warns(vv.StabilityWarning, match="supports there"):
+            whole = vv.Structure(
+                mass=heavy, stiffness=held, damping=damping, elements=springs + cubic
+            )
+        inner = np.ix_(free, free)
+        part = vv.Structure(
+            mass=mass[inner], stiffness=stiffness[inner], damping=damping[inner], names=names,
+            elements=cubic,
+        )  # fmt: skip
+        assert set(whole.supports) == {f"x{j + 1}" for j in fixed}
+        yield whole, part, names
+
+
+def test_huge_numbers_on_a_diagonal_are_supports():
+    """Eigensolvers lose all small eigenvalues next to them."""
+    for whole, part, names in penalty_structures(np.random.default_rng(3), 9):
+        load, at = {names[-1]: 30.0}, [40.0, 60.0]
+        job = {"load": load, "method": "newton", "coordinates": names}
+        responses = [vv.forced_response(s, at, **job) for s in (whole, part)]
+        assert whole.supports[0] in str(responses[0].plan)
+        for name in names:
+            assert responses[0].amplitude(name) == pytest.approx(
+                responses[1].amplitude(name), rel=1e-9
+            )
+        runs = [vv.simulate(s, 0.3, load=load, nu=40.0, dt=0.01) for s in (whole, part)]
+        for name in names:
+            assert runs[0].coordinate(name) == pytest.approx(
+                runs[1].coordinate(name), abs=1e-9 * np.abs(runs[1].state).max()
+            )
+        roots = [s.characteristic_roots(count=len(names)).oscillatory for s in (whole, part)]
+        assert roots[0] == pytest.approx(roots[1], rel=1e-9)
+
+
+def test_a_rigid_connection_by_huge_numbers_is_refused():
+    link = np.array([[1.0, -1.0, 0.0], [-1.0, 1.0, 0.0], [0.0, 0.0, 0.0]])
+    with pytest.raises(vv.InputError, match="x1, x2 are coupled by entries more than 1e"):
+        vv.Structure(mass=np.ones(3), stiffness=1e32 * link + np.eye(3))

@@ -10,6 +10,7 @@ from viscovib._native import ComplexArray, FloatArray
 from viscovib.common.counts import things
 from viscovib.errors import InputError
 from viscovib.systems.element_laws import Laws
+from viscovib.systems.penalty_supports import told_supports
 from viscovib.systems.resonant_forces import compliance, refine, with_modes
 from viscovib.systems.resting_forces import Motions, forces_of_laws, solved
 from viscovib.systems.structure_rest import Rest, Static, static_form
@@ -30,6 +31,9 @@ _NEAR = 1e-6
 
 class Condensation:
     """H(s) = Q^T D(s)^-1 Q of a linear rest at the coordinates of laws."""
+
+    #: Names of coordinates that are supports (`systems.penalty_supports`).
+    supports: tuple[str, ...] = ()
 
     def __init__(self, rest: Rest, laws: Laws, reduced: Any = None) -> None:
         # ``reduced``: the reduction that made the rest (`systems.reduced.ReducedRest`), or None.
@@ -268,6 +272,8 @@ class LoadedStructure:
         more += f", {below} unstable without the elements" if below else ""
         if c.reduced is not None:
             more += c.reduced.told
+        if c.supports:
+            more += f"\n{told_supports(c.supports)}"
         return (
             f"{things(n, 'coordinate')} condensed to {things(c.q, 'deflection')} by "
             f"{' and '.join(kinds)}{more}"
@@ -329,6 +335,7 @@ class LoadedStructure:
                 return self, row
         laws, row = c.laws.watching(one)
         more = Condensation(c.rest, laws, c.reduced)
+        more.supports = c.supports
         return LoadedStructure(
             more, self.orders, self.forces, self.base, self._inertia, self.direction
         ), row

@@ -28,7 +28,14 @@ from viscovib.systems.refined_modes import (
     refined_modes,
     refined_poles,
 )
-from viscovib.systems.structure_rest import ModalDamping, Remembered, Rest, dense_rest, exactly_by
+from viscovib.systems.structure_rest import (
+    ModalDamping,
+    Remembered,
+    Rest,
+    dense_rest,
+    exactly_by,
+    scaled_condition,
+)
 
 #: States of which all modes are computed.
 _MOST_STATES = 4000
@@ -320,7 +327,7 @@ class _States:
                 f"damping: coordinate {i} has no mass, and must not have damping either"
             )
         inner = stiffness[np.ix_(idle, idle)]
-        if idle.any() and np.linalg.cond(inner) > 1 / _RANK:
+        if idle.any() and scaled_condition(inner) > 1 / _RANK:
             raise InputError("mass: a coordinate has neither mass nor stiffness")
         self.bend = np.linalg.inv(inner)
         # u = whole v + idle part, p acts on v by carry^T.

@@ -111,7 +111,9 @@ def _fill(model: LinearModel, roots: ComplexArray, shapes: ComplexArray) -> None
 def structure_roots(structure: Any, count: Any, layers: Any) -> CharacteristicRoots:
     """`Structure.characteristic_roots`."""
     n = structure.n_coordinates
-    wanted = _native.integer("count", min(6, n) if count is None else count, 1, min(200, n))
+    # Coordinates without mass have no roots of their own.
+    most = max(1, min(200, int(np.count_nonzero(structure.mass.diagonal()))))
+    wanted = _native.integer("count", min(6, most) if count is None else count, 1, most)
     if not isinstance(layers, (list, tuple)):
         raise InputError(f"layers = {_native.shown(layers)}: must be a list of (matrix, kernel)")
     model = linear_model(
@@ -130,9 +132,25 @@ def structure_roots(structure: Any, count: Any, layers: Any) -> CharacteristicRo
         model = _in_modes(structure, relaxing, len(more), model.dampers)
     else:
         model = model._replace(layers=relaxing)
+    if structure.supports:
+        model = _without(model, [structure._places[name] for name in structure.supports])
     roots, _ = sparse_roots(model, wanted)
     growing = 2 * int((roots.real > 0).sum())
     return CharacteristicRoots(roots, np.zeros(0), growing, False)
+
+
+def _without(model: LinearModel, places: Sequence[int]) -> LinearModel:
+    """The model without coordinates that are supports."""
+    left = np.delete(np.arange(model.mass.shape[0]), places)
+
+    def part(matrix: Any) -> Any:
+        return None if matrix is None else csc_array(csc_array(matrix)[left][:, left])
+
+    return model._replace(
+        mass=part(model.mass), stiffness=part(model.stiffness), damping=part(model.damping),
+        layers=[(part(m), kernel) for m, kernel in model.layers],
+        dampers=[(part(m), kernel) for m, kernel in model.dampers],
+    )  # fmt: skip
 
 
 def _in_modes(
@@ -168,6 +186,8 @@ def _beginning(model: LinearModel, j: int, lowest: float) -> tuple[float, FloatA
     shape = np.zeros(0)
     for _ in range(_BEGINNING):
         squares, shapes = _modes_at(model, omega, j + 1)
+        if j >= squares.size:
+            return 0.0, shape
         shape = shapes[:, j]
         if squares[j] <= 0:
             return 0.0, shape

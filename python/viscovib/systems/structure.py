@@ -28,6 +28,13 @@ from viscovib.systems.elements import (
 from viscovib.systems.layers import Layers, checked_layers
 from viscovib.systems.load import LoadLike, load_series
 from viscovib.systems.mount import warn_of_creep
+from viscovib.systems.penalty_supports import (
+    fixed,
+    fixed_elements,
+    held_stiffness,
+    penalty_supports,
+    warn_of_supports,
+)
 from viscovib.systems.relaxing_rest import relaxing_rest
 from viscovib.systems.spring_groups import texts_of
 from viscovib.systems.structure_matrices import (
@@ -113,7 +120,9 @@ class Structure:
     -----
     StabilityWarning
         If the integral of a kernel is not between 0 and 1, or the stiffness or damping matrix has
-        entries on one side of its diagonal only.
+        entries on one side of its diagonal only; if a diagonal entry of the mass or stiffness is
+        1e20 times as large as all others (a support by the penalty method): such a coordinate is
+        replaced by an exact support and listed in ``supports``.
     """
 
     mass: npt.ArrayLike
@@ -132,6 +141,9 @@ class Structure:
     #: Names of all coordinates and their units.
     dof_names: tuple[str, ...] = field(init=False, repr=False)
     dof_units: tuple[str, ...] = field(init=False, repr=False)
+    #: Names of the coordinates that a huge mass or stiffness fixes. They are exact supports:
+    #: ``mass``, ``stiffness`` and ``damping`` no longer couple them to other coordinates.
+    supports: tuple[str, ...] = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         own_fields(self, "modal_damping", "rayleigh", "elements", "layers", "names", "units")
@@ -165,10 +177,33 @@ class Structure:
             self._set("base_direction", direction)
         found = element_terms(self.elements, self.dof_names, self._places)  # type: ignore[attr-defined]
         self._set("_elements", found + self._layers.elements)  # type: ignore[attr-defined]
+        self._eliminate_penalties()
         warn_of_creep([kernel.integral for kernel in self._all_kernels])
 
     def __repr__(self) -> str:
         return told(self)
+
+    def _eliminate_penalties(self) -> None:
+        """Make supports of coordinates that a huge number on a diagonal fixes."""
+        layers: Layers = self._layers  # type: ignore[attr-defined]
+        whole = [matrix for matrix, _ in layers.whole]
+        places = penalty_supports(
+            self.dof_names, self.mass, [self.stiffness, *whole], self._all_elements
+        )
+        self._set("supports", tuple(self.dof_names[i] for i in places))
+        if not places.size:
+            return
+        if places.size == self.n_coordinates:
+            raise InputError("mass: all coordinates are fixed by huge numbers, one must be free")
+        warn_of_supports(self.supports)
+        elements = fixed_elements(self._all_elements, places)
+        whole = [fixed(matrix, places) for matrix in whole]
+        self._set("_elements", elements)
+        kernels = [kernel for _, kernel in layers.whole]
+        self._set("_layers", layers._replace(whole=tuple(zip(whole, kernels, strict=True))))
+        self._set("mass", fixed(self.mass, places))
+        self._set("damping", fixed(self.damping, places))
+        self._set("stiffness", held_stiffness(self.stiffness, whole, places))
 
     def _set(self, name: str, value: object) -> None:
         object.__setattr__(self, name, value)
@@ -241,7 +276,9 @@ class Structure:
     def _condensation(self) -> Condensation:
         couplings = coupling_terms(self.elements, self.dof_names, self._places)  # type: ignore[attr-defined]
         laws = element_laws(self._all_elements, self.n_coordinates, couplings)
-        return Condensation(self._rest, laws, self._reduced)
+        found = Condensation(self._rest, laws, self._reduced)
+        found.supports = self.supports
+        return found
 
     @property
     def _element_directions(self) -> FloatArray:

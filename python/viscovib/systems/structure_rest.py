@@ -184,7 +184,7 @@ def _condensed_rest(
         i = int(np.flatnonzero(idle & (damping.any(axis=0) | damping.any(axis=1)))[0])
         raise InputError(f"damping: coordinate {i} has no mass, and must not have damping either")
     inner = stiffness[np.ix_(idle, idle)]
-    if np.linalg.cond(inner) > 1 / _OFF_DIAGONAL:
+    if scaled_condition(inner) > 1 / _OFF_DIAGONAL:
         raise InputError("mass: a coordinate has neither mass nor stiffness")
     inverse = np.linalg.inv(inner)
     follow = -inverse @ stiffness[np.ix_(idle, kept)]
@@ -230,6 +230,13 @@ def _condensed_rest(
         squares, rates, losses, shapes, rest.poles, whole(rest.left, follow),
         whole(rest.right, carry), given, resisting=resisting,
     )  # fmt: skip
+
+
+def scaled_condition(matrix: FloatArray) -> float:
+    """Condition number in units that make the diagonal 1."""
+    size = np.abs(np.diag(matrix))
+    unit = np.sqrt(np.where(size > 0, size, 1.0))
+    return float(np.linalg.cond(matrix / unit / unit[:, np.newaxis]))
 
 
 def _symmetric(matrix: FloatArray) -> bool:
