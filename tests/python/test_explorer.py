@@ -1,6 +1,11 @@
 """The explorer without its browser: numbers, undo, links, files and the server."""
 
+import os
 import runpy
+import signal
+import subprocess
+import sys
+import time
 import urllib.error
 import urllib.request
 from pathlib import Path
@@ -302,6 +307,41 @@ def test_the_page_is_behind_a_token():
         page.stop()
     with pytest.raises(vv.InputError, match=r"--keys mount.weight: must be one of mount.mass"):
         vv.explore(PAPER, keys=["mount.weight"])
+
+
+#: A browser that notes its arguments, and the modes and text of the file that it is given.
+BROWSER = """#!/bin/sh
+file="${1#file://}"
+{ echo "$*"; stat -c %a "$file" "$(dirname "$file")"; cat "$file"; } > "$NOTES.part"
+mv "$NOTES.part" "$NOTES"
+"""
+
+
+def test_the_token_is_in_no_process_list(start, tmp_path):
+    pytest.importorskip("bokeh")
+    browser, notes = tmp_path / "browser", tmp_path / "notes"
+    browser.write_text(BROWSER)
+    browser.chmod(0o755)
+    given = {"BROWSER": f"{browser} %s", "NOTES": str(notes), "TMPDIR": str(tmp_path)}
+    child = start(
+        [sys.executable, "-m", "viscovib", "explore", str(PAPER)], stdout=subprocess.PIPE,
+        text=True, env={**os.environ, **given},
+    )  # fmt: skip
+    address = child.stdout.readline().strip()
+    token = address.rstrip("/").rpartition("/")[2]
+    assert len(token) == 32
+    deadline = time.monotonic() + 30
+    while not notes.exists() and time.monotonic() < deadline:
+        time.sleep(0.02)
+    command, *modes, _ = notes.read_text().split("\n", 3)
+    assert command.startswith("file:///")
+    assert token not in command
+    assert modes == ["600", "700"]
+    assert address in notes.read_text()
+    assert token not in Path(f"/proc/{child.pid}/cmdline").read_text()
+    child.send_signal(signal.SIGINT)
+    assert child.wait(30) == 0
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["browser", "notes"]
 
 
 def test_the_command_says_what_is_wrong(tmp_path, capsys):

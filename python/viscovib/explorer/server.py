@@ -1,6 +1,7 @@
 """The local server of the explorer: bound to this machine, behind a token."""
 
 import contextlib
+import html
 import logging
 import os
 import secrets
@@ -9,6 +10,7 @@ import socket
 import webbrowser
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 from bokeh.application import Application
@@ -60,6 +62,12 @@ _TEMPLATE = Template(
 <script>{{ name_sliders }}</script></body>
 </html>"""
 )
+
+#: The file that leads to the page.
+_LEAD = """<!DOCTYPE html><html lang="en"><meta charset="utf-8"><title>viscovib</title>
+<meta name="referrer" content="no-referrer"><meta http-equiv="refresh" content="0; url={address}">
+<p><a href="{address}">viscovib explorer</a></p></html>
+"""
 
 
 def query_of(arguments: Mapping[str, Sequence[bytes]]) -> list[tuple[str, str]]:
@@ -146,11 +154,22 @@ def serve(
     page_of(scene, keys)
     server, address = start(scene, keys, port)
     tell(f"{address}\nend with Ctrl+C")
-    if browser:
-        with contextlib.suppress(webbrowser.Error):
-            webbrowser.open(address)
     signal.signal(signal.SIGTERM, signal.default_int_handler)
-    try:
-        server.io_loop.start()
-    except KeyboardInterrupt:
-        server.stop()
+    # A folder that only this user can enter.
+    with TemporaryDirectory(prefix="viscovib-") as folder:
+        try:
+            if browser:
+                _open(address, Path(folder))
+            server.io_loop.start()
+        except KeyboardInterrupt:
+            server.stop()
+
+
+def _open(address: str, folder: Path) -> None:
+    """Lead the browser to the page by a local file: its command line shows no token to others."""
+    page = folder / "explorer.html"
+    text = _LEAD.format(address=html.escape(address))
+    with open(os.open(page, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "w") as file:
+        file.write(text)
+    with contextlib.suppress(webbrowser.Error):
+        webbrowser.open(page.as_uri())
