@@ -1,11 +1,13 @@
 """Fits: parameters given back, intervals that hold the truth, what data do not constrain."""
 
 import json
+import warnings
 from pathlib import Path
 
 import mpmath as mp
 import numpy as np
 import pytest
+import scipy.stats
 import viscovib as vv
 from rubber_examples import KERNELS, MODULUS, made, truth
 
@@ -268,6 +270,45 @@ class TestPropagate:
             band = vv.propagate(fit, lambda s: curve(s.kernel, s.modulus / MODULUS), samples=150)
             inside.append((band.low <= exact) & (exact <= band.high))
         assert 0.85 <= np.mean(inside) <= 1
+
+    def test_samples_are_as_likely_as_the_data_make_them(self):
+        """Rises of the sum of squares are those of chi squared, and bands hold the truth.
+
+        Of windows that leave parameters over decades, and of integrals at their bound.
+        """
+        nu = np.geomspace(10, 1e3, 25)
+        for seed, amplitude in enumerate((50.0, 50.499)):
+            true = vv.RabotnovKernel(amplitude=amplitude, alpha=0.3, beta=50.5)
+            stiff = MODULUS * (1 - true.transform(nu))
+            noise = 1 + 0.02 * np.random.default_rng(seed).standard_normal((2, nu.size))
+            data = vv.ModulusData(
+                frequencies=nu, storage=stiff.real * noise[0], loss=stiff.imag * noise[1]
+            )
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore", vv.ConvergenceWarning)
+                fit = vv.fit_kernel(data)
+
+            assert fit.weights == "model"
+            with warnings.catch_warnings(record=True) as given:
+                warnings.simplefilter("always")
+                band = vv.propagate(
+                    fit,
+                    lambda s: (s.modulus * (1 - s.kernel.transform(nu))).view(float),
+                    samples=300,
+                )
+            warned = "ends of the band are uncertain: the data do not constrain" in str(given)
+            assert warned == bool(fit.unconstrained)
+            target = (np.asarray(data.storage) + 1j * np.asarray(data.loss)).view(float)
+            off = np.vstack([band.nominal, band.answers]) - target
+            squares = ((off / band.nominal) ** 2).sum(axis=1)
+            rises = (squares[1:] / squares[0] - 1) * (2 * nu.size - 4)
+            middle, high = scipy.stats.chi2(4).ppf([0.5, 0.95])
+            assert np.median(rises) == pytest.approx(middle, rel=0.35)
+            assert np.quantile(rises, 0.95) == pytest.approx(high, rel=0.4)
+            assert 10 < band.effective < 300
+            assert "of the parameters only" in repr(band)
+            # The modulus measured, by 50 numbers of 2 % each.
+            assert ((band.high - band.low) / band.nominal).max() < 0.05
 
     def test_missing_answers_are_counted(self):
         fit = vv.fit_kernel(made(KERNELS["rabotnov"], 0.02, 5))

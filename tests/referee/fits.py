@@ -1,6 +1,7 @@
 """Fits of random materials: parameters given back, factors, terms and tables; closed forms of NumPy alone."""
 
 import numpy as np
+from scipy.stats import chi2
 
 from referee.case import Case, Claim, even, few
 
@@ -69,6 +70,7 @@ error = np.sqrt(np.diag(fit.turned_covariance)[0]), np.linalg.eigvalsh(fit.covar
 """
     if noise:
         call += """band = vv.propagate(fit, lambda s: s.modulus, samples=300)
+drawn = np.array([s.modulus * (1 - s.kernel.transform(nu)) for s in fit.samples(300, seed=1)])
 ends = (band.low, band.high)
 profile = fit.profile('alpha').interval
 edges, growth = fit.constraints()
@@ -97,6 +99,18 @@ symmetric = abs(fit.correlation - fit.correlation.T).max()
         yield Claim("summary", bool(told_of), True)
         yield Claim("bare", names["bare"], names["hats"], 1e-15)
         yield Claim("residual", bool(max(names["residual"]) <= 1.6 * noise + 1e-8), True)
+        if noise:
+            size, best = names["data"], names["said"]
+            ratios = [
+                (k.real - size.storage) ** 2 / best.real**2
+                + (k.imag - size.loss) ** 2 / best.imag**2
+                for k in (best, *names["drawn"])
+            ]
+            squares = np.array(ratios).sum(axis=1)
+            n = len(true)
+            rises = (squares[1:] / squares[0] - 1) * (140 - n)
+            middle = chi2(n).median()
+            yield Claim("rise of samples", np.median(rises), middle, 0.5 * middle, damage=2)
         if noise and not loose and not names["bound"]:
             low, high = interval["modulus"]
             width = high - low

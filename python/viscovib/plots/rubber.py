@@ -247,7 +247,7 @@ def plot_band(band: Band, x: npt.ArrayLike, ax: "Axes | None" = None, *, label: 
     if band.nominal.shape != place.shape:
         raise InputError(f"x: has shape {place.shape}, answers have {band.nominal.shape}")
     axes = panel(ax)
-    name = f"{100 * band.level:g} %"
+    name = f"{100 * band.level:g} %, parameters only"
     axes.fill_between(place, band.low, band.high, color=_WARM, alpha=0.5, lw=0, label=name)
     axes.plot(place, band.nominal, color=_DARK, lw=1.2, label=title or "fit")
     axes.legend()

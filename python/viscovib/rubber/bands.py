@@ -1,5 +1,6 @@
 """What the uncertainty of a fit leaves of an answer."""
 
+import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
 from importlib import import_module
@@ -12,7 +13,7 @@ from viscovib import _native
 from viscovib._native import FloatArray
 from viscovib.common.parameters import Number, Whole
 from viscovib.common.values import Value
-from viscovib.errors import InputError
+from viscovib.errors import ConvergenceWarning, InputError, caller
 from viscovib.rubber.fit import KernelFit, Sample
 
 if TYPE_CHECKING:
@@ -24,10 +25,16 @@ _SAMPLES, _SEED, _LEVEL = (
     Number("level", 0.01, 0.9999),
 )
 
+#: Part of the samples below which the effective ones are few.
+_FEW = 0.15
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Band(Value):
-    """Answers for kernels as likely as the data make them.
+    """Answers for kernels as likely as the data make them: uncertainty of the parameters only.
+
+    The band contains neither the scatter of single measurements nor the misfit of the kernel, so
+    that fewer measurements than ``level`` lie within it.
 
     Attributes
     ----------
@@ -39,6 +46,8 @@ class Band(Value):
     missing : ndarray of int, shape (...)
         Samples that had no answer.
     level : float
+    effective : float
+        Number of independent samples that tell as much as those drawn.
 
     Examples
     --------
@@ -60,6 +69,7 @@ class Band(Value):
     answers: FloatArray
     missing: npt.NDArray[np.intp]
     level: float
+    effective: float
 
     def __repr__(self) -> str:
         with np.errstate(all="ignore"):
@@ -67,7 +77,7 @@ class Band(Value):
         width = float(np.fmax.reduce(widths, axis=None, initial=np.nan))
         return (
             f"Band({self.answers.shape[0]} answers of shape {self.nominal.shape}, "
-            f"{100 * self.level:g} %, at most {100 * width:.2g} % wide, "
+            f"{100 * self.level:g} % of the parameters only, at most {100 * width:.2g} % wide, "
             f"{self.missing.sum()} missing)"
         )
 
@@ -85,7 +95,9 @@ def propagate(
     seed: int = 0,
     level: float = 0.95,
 ) -> Band:
-    """Carry the uncertainty of a fit through a function.
+    """Carry the uncertainty of the parameters of a fit through a function.
+
+    Kernels are drawn from the likelihood of the data (`KernelFit.samples`).
 
     Parameters
     ----------
@@ -103,6 +115,11 @@ def propagate(
     Returns
     -------
     Band
+
+    Warns
+    -----
+    ConvergenceWarning
+        If the data do not constrain a parameter, or if few of the samples are independent.
 
     Examples
     --------
@@ -123,8 +140,10 @@ def propagate(
     count, start, part = _SAMPLES.check(samples), _SEED.check(seed), _LEVEL.check(level)
     nominal = _answer(function, Sample(fit.kernel, fit.modulus), None)
     found = np.empty((count, *nominal.shape))
-    for i, sample in enumerate(fit.samples(count, seed=start)):
+    drawn, effective = fit._sampled(count, start)
+    for i, sample in enumerate(drawn):
         found[i] = _answer(function, sample, nominal.shape)
+    _warn(fit, count, effective)
     known = np.isfinite(found)
     ends = [0.5 - part / 2, 0.5, 0.5 + part / 2]
     if known.all():
@@ -146,7 +165,22 @@ def propagate(
         answers=found,
         missing=np.asarray((~known).sum(axis=0)),
         level=part,
+        effective=effective,
     )
+
+
+def _warn(fit: KernelFit, count: int, effective: float) -> None:
+    doubts = []
+    if fit.unconstrained:
+        doubts.append(f"the data do not constrain {', '.join(fit.unconstrained)}")
+    if effective < _FEW * count:
+        doubts.append(f"{effective:.0f} of {count} samples are independent, take more")
+    if doubts:
+        warnings.warn(
+            f"the ends of the band are uncertain: {'; '.join(doubts)}",
+            ConvergenceWarning,
+            stacklevel=caller(),
+        )
 
 
 def _answer(

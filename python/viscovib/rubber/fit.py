@@ -187,6 +187,10 @@ class KernelFit(Result, ABC):
         """Kernels as likely as the data make them, n of them."""
 
     @abstractmethod
+    def _sampled(self, n: int, seed: int) -> tuple[Iterator[Sample], float]:
+        """Samples, and how many of them are effective."""
+
+    @abstractmethod
     def _predicted(self) -> FloatArray:
         """What the fit says of the numbers measured."""
 

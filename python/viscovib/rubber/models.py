@@ -92,6 +92,13 @@ class Model:
         powers = np.exp(w - top)
         return np.asarray(MOST_INTEGRAL * powers / (math.exp(-top) + powers.sum()))
 
+    def log_prior(self, theta: FloatArray) -> float:
+        """Logarithm of Jeffreys's density 1/sqrt(x (1 - x)) of alphas and parts of the integral."""
+        _, alpha, _, p = self.split(theta)
+        left = 1 - p.sum() / MOST_INTEGRAL if self.bounded else 1.0
+        factors = np.concatenate([alpha - LEAST_ALPHA, 1 - alpha, p, [left]])
+        return float(np.log(np.maximum(factors, 1e-300)).sum() / 2)
+
     def join(self, modulus: float, alpha: FloatArray, tau: FloatArray, p: FloatArray) -> FloatArray:
         """Unknowns from what they stand for, moved inside their range."""
         alphas, taus, ws = self._places

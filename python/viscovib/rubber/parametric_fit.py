@@ -16,6 +16,7 @@ from viscovib.kernels.relaxation import Kernel
 from viscovib.kernels.time_temperature import ShiftLaw
 from viscovib.rubber.data import ModulusData
 from viscovib.rubber.fit import _COUNT, _SEED, KernelFit, Optimum, Profile, Sample
+from viscovib.rubber.likelihood import likely
 from viscovib.rubber.measured import LEAST_FELT, Measured, covariance, descend
 from viscovib.rubber.models import LEAST_ALPHA, Model
 
@@ -23,8 +24,6 @@ _LEVEL = Number("level", 0.01, 0.9999)
 #: A parameter is not constrained whose 95 % interval has ends of so large a ratio, or of alpha
 #: such a width.
 _LOOSE, _WIDE = 20.0, 0.5
-#: Samples stay within this of the fit, in units of the unknowns, whatever is not constrained.
-_REACH = 12.0
 #: Points on either side of a profile at most, how much longer each step is than the one before,
 #: how far they go (logarithm), and the weight that holds a parameter.
 _SIDE, _LONGER, _FAR, _HOLD = 60, 1.5, 40.0, 1e3
@@ -288,19 +287,29 @@ class ParametricFit(KernelFit):
         return 10.0**edges, np.array(growth)
 
     def samples(self, n: int, *, seed: int = 0) -> Iterator[Sample]:
-        """Kernels as likely as the data make them, n of them: normal over the unknowns."""
-        count, rng = _COUNT.check(n), np.random.default_rng(_SEED.check(seed))
+        """Kernels from the likelihood of the data, n of them.
+
+        Where it is nearly normal over the unknowns, that distribution is resampled; where it is
+        not, as with a parameter at its bound or an interval over decades, by an ensemble of Markov
+        chains, which takes some seconds for 1000 kernels.
+        """
+        yield from self._sampled(_COUNT.check(n), _SEED.check(seed))[0]
+
+    def _sampled(self, n: int, seed: int) -> tuple[Iterator[Sample], float]:
+        drawn, effective = self._drawn(n, seed)
+        return (
+            Sample(self._thermal(self.model.kernel(theta)), self.model.split(theta)[0])
+            for theta in drawn
+        ), effective
+
+    def _drawn(self, n: int, seed: int) -> tuple[FloatArray, float]:
+        """Unknowns of samples, and how many of these are effective."""
         if not np.isfinite(self.covariance).all():
             raise InputError(
                 f"data: {self.measured.count} numbers, all taken by {self.theta.size} parameters, "
                 "do not tell their scatter: must be more"
             )
-        values, vectors = np.linalg.eigh((self.covariance + self.covariance.T) / 2)
-        root = vectors * np.sqrt(np.maximum(values, 0))
-        for _ in range(count):
-            away = np.clip(root @ rng.standard_normal(self.theta.size), -_REACH, _REACH)
-            theta = self.theta + away
-            yield Sample(self._thermal(self.model.kernel(theta)), self.model.split(theta)[0])
+        return likely(self, n, np.random.default_rng(seed))
 
     def _predicted(self) -> FloatArray:
         return self.measured.predicted(self.model, self.theta)

@@ -164,8 +164,13 @@ class PronyFit(KernelFit):
 
     def samples(self, n: int, *, seed: int = 0) -> Iterator[Sample]:
         """Kernels as likely as the data make them, n of them: refits to data drawn anew."""
-        for found in self._refits(_COUNT.check(n), _SEED.check(seed)):
-            yield Sample(self._thermal(self._kernel(found)), float(found.sum()))
+        yield from self._sampled(_COUNT.check(n), _SEED.check(seed))[0]
+
+    def _sampled(self, n: int, seed: int) -> tuple[Iterator[Sample], float]:
+        return (
+            Sample(self._thermal(self._kernel(found)), float(found.sum()))
+            for found in self._refits(n, seed)
+        ), float(n)
 
     def _predicted(self) -> FloatArray:
         return _design(self.measured, self.grid) @ self.found

@@ -1,0 +1,120 @@
+"""Samples of the unknowns of a fit from their likelihood exp(-rise/2).
+
+The rise of the sum of squares is in variances of a residual. Priors are flat over the logarithms of
+modulus and times; alphas and parts of the integral x have 1/sqrt(x (1 - x)), which lets them come
+to their bounds but not stay there (Jeffreys). All unknowns are within `REACH` of the fit.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from viscovib._native import FloatArray
+
+#: Samples stay within this of the fit, in units of the unknowns.
+REACH = 12.0
+#: Part of effective samples below which the normal distribution is not corrected by weights.
+_NEARLY_NORMAL = 0.5
+#: Walkers of the ensemble for each unknown, steps before the first sample and between two samples.
+_WALKERS, _BURN_IN, _THIN = 10, 300, 30
+#: Stretch of a move at most (Goodman and Weare, Comm. App. Math. Comp. Sci. 5, 2010, 65).
+_STRETCH = 2.0
+
+
+def likely(fit: Any, count: int, rng: np.random.Generator) -> tuple[FloatArray, float]:
+    """Return unknowns (count, k) of a `ParametricFit`, and how many of them are effective.
+
+    The normal distribution of ``covariance`` is drawn first, and resampled with the weights
+    exp(-(rise - its parabola)/2). Where few of these count, an ensemble of walkers follows.
+    """
+    best, slopes = fit.theta, fit._problem[2]
+    rise = _rise_of(fit)
+    values, vectors = np.linalg.eigh((fit.covariance + fit.covariance.T) / 2)
+    away = rng.standard_normal((count, best.size)) @ (vectors * np.sqrt(np.maximum(values, 0))).T
+    drawn = best + np.clip(away, -REACH, REACH)
+    inside = np.abs(away).max(axis=1) <= REACH
+    parabola = ((away @ slopes.T) ** 2).sum(axis=1) / fit._variance
+    gain = np.array([-(rise(x) - p) / 2 for x, p in zip(drawn, parabola, strict=True)])
+    weights = np.where(inside, np.exp(np.minimum(gain - gain.max(), 0.0)), 0.0)
+    effective = float(weights.sum() ** 2 / max((weights**2).sum(), 1e-300))
+    if effective >= _NEARLY_NORMAL * count and not fit.at_bound:
+        return drawn[rng.choice(count, count, p=weights / weights.sum())], effective
+    return _ensemble(fit, rise, drawn, count, rng)
+
+
+def _rise_of(fit: Any) -> Callable[[FloatArray], float]:
+    factor, residual, _ = fit._problem
+    least, variance = float(residual @ residual), fit._variance
+
+    def rise(theta: FloatArray) -> float:
+        with np.errstate(all="ignore"):
+            left = (fit.measured.predicted(fit.model, theta) - fit.measured.target) * factor
+            found = (float(left @ left) - least) / variance
+        return found if math.isfinite(found) else math.inf
+
+    return rise
+
+
+def _ensemble(
+    fit: Any,
+    rise: Callable[[FloatArray], float],
+    drawn: FloatArray,
+    count: int,
+    rng: np.random.Generator,
+) -> tuple[FloatArray, float]:
+    """Walkers by stretch moves; half of them move along lines through the other half."""
+    # Inside what is admissible: at its ends all priors are 0.
+    middle = fit.model.join(*fit.model.split(fit.theta))
+    k = middle.size
+    n = 2 * max(_WALKERS * k // 2, k + 1)
+
+    def log_density(theta: FloatArray) -> float:
+        if np.abs(theta - middle).max() > REACH:
+            return -math.inf
+        return float(fit.model.log_prior(theta) - rise(theta) / 2)
+
+    spread = np.clip(drawn - fit.theta, -1.0, 1.0)
+    walkers = middle + 0.1 * spread[rng.integers(len(spread), size=n)]
+    walkers += 1e-3 * rng.standard_normal((n, k))
+    levels = np.array([log_density(one) for one in walkers])
+    rounds = -(-count // n)
+    kept = np.empty((rounds, n, k))
+    halves = np.arange(n).reshape(2, n // 2)
+    for step in range(_BURN_IN + rounds * _THIN):
+        for own, other in (halves, halves[::-1]):
+            stretch = (1 + (_STRETCH - 1) * rng.random(own.size)) ** 2 / _STRETCH
+            partners = walkers[rng.choice(other, own.size)]
+            moved = partners + stretch[:, np.newaxis] * (walkers[own] - partners)
+            found = np.array([log_density(one) for one in moved])
+            gain = (k - 1) * np.log(stretch) + found - levels[own]
+            with np.errstate(invalid="ignore"):
+                taken = np.log(rng.random(own.size)) < gain
+            walkers[own[taken]], levels[own[taken]] = moved[taken], found[taken]
+        if step >= _BURN_IN and (step - _BURN_IN + 1) % _THIN == 0:
+            kept[(step - _BURN_IN) // _THIN] = walkers
+    whole = kept.reshape(-1, k)
+    chosen = whole[rng.permutation(len(whole))[:count]]
+    return chosen, _effective(kept, count)
+
+
+def _effective(kept: FloatArray, count: int) -> float:
+    """Independent samples among those kept (rounds, walkers, k): of the unknown that moves least.
+
+    The autocorrelation of successive rounds, summed until it vanishes.
+    """
+    rounds = kept.shape[0]
+    away = kept - kept.mean(axis=(0, 1))
+    variance = np.maximum((away**2).mean(axis=(0, 1)), 1e-300)
+    time = np.ones(kept.shape[2])
+    open_ones = np.ones(kept.shape[2], dtype=bool)
+    for lag in range(1, rounds // 2):
+        own = (away[lag:] * away[:-lag]).mean(axis=(0, 1)) / variance
+        open_ones &= own > 0.05
+        time += 2 * np.where(open_ones, own, 0.0)
+        if not open_ones.any():
+            break
+    return float(min(count, count / time.max()))
