@@ -245,5 +245,5 @@ def test_missing_files_and_other_names(tmp_path):
     with pytest.raises(vv.InputError, match=r"mass = '.*k.txt': must end in \.mtx"):
         read_matrix("mass", "k.txt")
     (tmp_path / "d.mtx").mkdir()
-    with pytest.raises(vv.FileError, match=r"mass: .*d.mtx is not a file"):
+    with pytest.raises(vv.FileError, match=r"mass: .*d.mtx cannot be read \(Is a directory\)"):
         read_matrix("mass", tmp_path / "d.mtx")

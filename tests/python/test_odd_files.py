@@ -35,11 +35,25 @@ def test_only_regular_files_are_read(reader, kind, tmp_path):
 
 
 @pytest.mark.parametrize("ending", [".mtx", ".npz", ".rb"])
-def test_only_regular_matrices_are_read(ending, tmp_path):
-    path = tmp_path / f"pipe{ending}"
-    os.mkfifo(path)
-    with pytest.raises(vv.FileError, match="is not a file"):
-        vv.Structure.read(path, path)
+@pytest.mark.parametrize("kind", ["pipe", "/dev/zero", "/proc/self/status"])
+def test_only_regular_matrices_are_read(ending, kind, tmp_path):
+    """Also where a link of the right name leads to a device."""
+    path = tmp_path / f"a{ending}"
+    os.mkfifo(path) if kind == "pipe" else path.symlink_to(kind)
+    for given in ([path, path], [path]) if ending == ".npz" else ([path, path],):
+        with pytest.raises(vv.FileError, match=r"^mass: .*a\.\w+ cannot be read \(not a regular"):
+            vv.Structure.read(*given)
+
+
+@pytest.mark.parametrize("name", ["a.csv", "a.json", "a.nml", "a.mtx", "a.rb", "a.npz"])
+def test_files_have_a_largest_size(name, tmp_path):
+    """A file with holes of any size takes no space on a disk and all of the memory."""
+    path = tmp_path / name
+    path.touch()
+    os.truncate(path, 1 << 40)
+    readers = {"a.csv": vv.read_dma, "a.json": vv.read_kernel, "a.nml": vv.Scene.read}
+    with pytest.raises(vv.FileError, match="has more than|not a file of at most"):
+        readers.get(name, lambda path: vv.Structure.read(path, path))(path)
 
 
 def command(*arguments, folder, **given):

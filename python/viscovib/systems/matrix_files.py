@@ -15,13 +15,15 @@ from scipy.io import mminfo, mmread, mmwrite
 from scipy.sparse import bsr_array, coo_array, csc_array, csr_array, dia_array, save_npz
 
 from viscovib._native import shown
-from viscovib.common.files import whole_file
+from viscovib.common.files import bytes_of, whole_file
 from viscovib.common.parameters import FilePath
 from viscovib.errors import FileError, InputError
 from viscovib.systems.sparse_pencil import MOST
 
 #: Fewest characters that an entry of a text file takes: a digit and what ends it.
 _LEAST = 2
+#: Bytes of a file, and of the arrays in it, at most.
+_LARGEST = 1 << 32
 #: Endings of names, and what they stand for.
 MATRIX_MARKET, HARWELL_BOEING = (".mtx", ".mm"), (".rb", ".hb", ".rsa", ".rua", ".psa")
 _ENDINGS = f"{', '.join((*MATRIX_MARKET, *HARWELL_BOEING))} or .npz"
@@ -62,24 +64,28 @@ def read_matrix(name: str, path: str | os.PathLike[str]) -> Any:
     if ending not in (*MATRIX_MARKET, *HARWELL_BOEING, ".npz"):
         raise InputError(f"{name} = {str(path)!r}: must end in {_ENDINGS}")
     try:
-        size = file.stat().st_size
-        if not file.is_file():
-            raise FileError(f"{name}: {file} is not a file")
-        if size == 0:
-            raise FileError(f"{name}: {file} is empty")
+        content = content_of(name, file)
         if ending in MATRIX_MARKET:
-            matrix = _matrix_market(name, file, size)
+            matrix = _matrix_market(name, file, content)
         elif ending == ".npz":
-            matrix = _npz(name, file)
+            matrix = _npz(name, file, content)
         else:
-            matrix = _harwell_boeing(name, file)
-    except OSError as error:
-        if isinstance(error, FileError):
-            raise
-        raise FileError(f"{name}: {file} cannot be read ({error.strerror})") from None
+            matrix = _harwell_boeing(name, file, content)
     except MemoryError:
         raise InputError(f"{name}: {file} holds more than fits into memory") from None
     return csc_array(matrix)
+
+
+def content_of(name: str, file: Path) -> bytes:
+    """Return all of a regular file that is not empty."""
+    try:
+        content = bytes_of(str(file), _LARGEST, "a file of matrices")
+    except FileError as error:
+        why = str(error).removeprefix(f"{file}: ")
+        raise FileError(f"{name}: {file} {why}") from None
+    if not content:
+        raise FileError(f"{name}: {file} is empty")
+    return content
 
 
 def write_matrix(path: str | os.PathLike[str], matrix: Any, comment: str = "") -> None:
@@ -103,9 +109,8 @@ def put_matrix_market(target: Any, matrix: Any, comment: str = "") -> None:
     mmwrite(target, coo_array(matrix), comment=comment, precision=17)
 
 
-def _matrix_market(name: str, file: Path, size: int) -> Any:
+def _matrix_market(name: str, file: Path, content: bytes) -> Any:
     try:
-        content = file.read_bytes()
         rows, columns, entries, form, kind, symmetry = mminfo(io.BytesIO(content))
         if kind == "complex" or symmetry == "hermitian":
             raise InputError(f"{name}: {file} holds complex numbers, must be real")
@@ -116,7 +121,7 @@ def _matrix_market(name: str, file: Path, size: int) -> Any:
         _check_size(rows, columns)
         if form == "array":
             entries = rows * columns if symmetry == "general" else rows * (rows - 1) // 2
-        if _LEAST * entries > size:
+        if _LEAST * entries > len(content):
             raise FileError(f"{name}: {file} is cut short: it says {entries} entries")
         content = _checked(name, file, content, form, kind)
         one_triangle = form == "coordinate" and symmetry != "general"
@@ -181,10 +186,12 @@ def _checked(name: str, file: Path, content: bytes, form: str, kind: str) -> byt
     return content[:start] + body.translate(_EXPONENTS, b"+")
 
 
-def arrays_of(name: str, file: Path) -> dict[str, np.ndarray]:
+def arrays_of(name: str, file: Path, content: bytes) -> dict[str, np.ndarray]:
     """Return the arrays of a .npz file; objects, which may run code, are refused."""
     try:
-        with open(file, "rb") as opened, np.load(opened, allow_pickle=False) as held:
+        with np.load(io.BytesIO(content), allow_pickle=False) as held:
+            if sum(part.file_size for part in held.zip.infolist()) > _LARGEST:
+                raise FileError(f"{name}: {file} holds more than {_LARGEST // 2**20} MB")
             return {part: held[part] for part in held.files}
     except _DAMAGED as error:
         raise FileError(f"{name}: {file} cannot be read ({_first_line(error)})") from None
@@ -232,8 +239,8 @@ def _check_size(rows: int, columns: int) -> None:
         raise ValueError(f"it is {rows} x {columns}, must have 1 to {MOST} rows")
 
 
-def _npz(name: str, file: Path) -> Any:
-    parts = arrays_of(name, file)
+def _npz(name: str, file: Path, content: bytes) -> Any:
+    parts = arrays_of(name, file, content)
     try:
         form = parts["format"].item() if "format" in parts and parts["format"].size == 1 else ""
         form = form.decode("latin-1") if isinstance(form, bytes) else form
@@ -249,9 +256,9 @@ def _npz(name: str, file: Path) -> Any:
         raise FileError(f"{name}: {file} cannot be read ({_first_line(error)})") from None
 
 
-def _harwell_boeing(name: str, file: Path) -> Any:
+def _harwell_boeing(name: str, file: Path, content: bytes) -> Any:
     """Read an assembled real matrix (Duff, Grimes and Lewis 1989), symmetric or not."""
-    lines = file.read_text(encoding="latin-1").splitlines()
+    lines = content.decode("latin-1").splitlines()
     try:
         counts = [int(part) for part in _fields(lines[1], 14, 4)]
         kind = lines[2][:3].upper()

@@ -16,6 +16,7 @@ from viscovib.common.parameters import FilePath
 from viscovib.errors import FileError, InputError
 from viscovib.systems.matrix_files import (
     arrays_of,
+    content_of,
     put_matrix_market,
     read_matrix,
     sparse_of,
@@ -64,15 +65,8 @@ def _whole(file: Path) -> dict[str, Any]:
             f"mass = {str(file)!r}: must end in .npz to hold a whole structure; give a file of "
             "the stiffness too"
         )
-    if file.exists() and not file.is_file():
-        raise FileError(f"mass: {file} is not a file")
     try:
-        parts = arrays_of("mass", file)
-    except OSError as error:
-        if isinstance(error, FileError):
-            raise
-        why = error.strerror or "it is no .npz file"
-        raise FileError(f"mass: {file} cannot be read ({why})") from None
+        parts = arrays_of("mass", file, content_of("mass", file))
     except MemoryError:
         raise InputError(f"mass: {file} holds more than fits into memory") from None
     if str(parts.pop("form", "")) != _FORM:
