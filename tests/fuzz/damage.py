@@ -1,7 +1,8 @@
-"""Checkpoints of sweeps that are damaged, and what a sweep makes of them afterwards.
+"""Checkpoints of sweeps that are damaged or hostile, and what a sweep makes of them afterwards.
 
 Run by a worker. A sweep is done, its files are spoiled, and it is done again: it must give what it
-gave, or refuse in a line; of chunks that nothing happened to none may be computed again.
+gave, or refuse in a line; of chunks that nothing happened to none may be computed again. Links,
+pipes, devices and other identities must lead nowhere: all outside of the folder stays as it was.
 """
 
 import os
@@ -65,7 +66,8 @@ def checkpoint(seed: str) -> dict[str, Any]:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
             told: list[str] = []
-            verdict, detail = (_killed if rng.random() < 0.02 else _case)(rng, folder, told)
+            kind = rng.choices([_killed, _hostile, _case], [0.02, 0.3, 0.68])[0]
+            verdict, detail = kind(rng, folder, told)
     finally:
         shutil.rmtree(folder, ignore_errors=True)
     return {"verdict": verdict, "detail": "; ".join([detail, *told])}
@@ -109,6 +111,79 @@ def _case(rng: random.Random, folder: Path, told: list[str]) -> tuple[str, str]:
         return "not kept", f"computed again {sorted(needless)}"
     sweep("mine", 1.0, grid)
     return ("not kept", f"not mended: {CALLS}") if CALLS else ("done", "")
+
+
+def _hostile(rng: random.Random, folder: Path, told: list[str]) -> tuple[str, str]:
+    """A checkpoint of somebody else, of this sweep or of another."""
+    grid, mine, outside = {"a": [1.0, 2.0, 3.0], "b": [0.5, 1.5]}, folder / "mine", folder / "out"
+    kind, same = rng.choice(["number", "several", "failing", "scene"]), rng.random() < 0.7
+    told.append(f"{kind}, {'same' if same else 'other'} identity")
+
+    def sweep(factor: float) -> Any:
+        return vv.sweep(
+            Point(factor, kind), grid, checkpoint=mine, progress=False, chunk=2, n_threads=1,
+            errors="keep",
+        ).load()  # fmt: skip
+
+    want = sweep(1.0)
+    (outside / "folder").mkdir(parents=True)
+    for name in ("precious", "folder/0", "folder/zarr.json"):
+        (outside / name).write_text("precious")
+    for _ in range(rng.choice([1, 1, 2, 3])):
+        plant(rng, mine, outside.resolve(), told)
+    if rng.random() < 0.3:
+        spoil(rng, mine, mine, told)
+    kept, before = _snapshot(outside), _snapshot(mine)
+    try:
+        again = sweep(1.0 if same else 3.0)
+    except vv.ViscovibError as error:
+        verdict, text = "refused with a line", str(error)
+        if "\n" in text or len(text) > 1000:
+            verdict = "message"
+        if not same and _snapshot(mine) != before:
+            verdict, text = "not kept", f"written into before it was refused: {text}"
+    except Exception as error:
+        verdict, text = "exception", f"{type(error).__name__}: {str(error)[:300]}"
+    else:
+        verdict, text = "done", ""
+        if not same or not again.identical(want):
+            verdict, text = "not the same", str(again)[:800]
+    if _snapshot(outside) != kept:
+        return "not kept", "something outside of the folder is changed"
+    return verdict, text
+
+
+def plant(rng: random.Random, mine: Path, outside: Path, told: list[str]) -> None:
+    """Put a link, a pipe or a device into a checkpoint, or the part of a file that will be made."""
+    places = sorted(path for path in mine.rglob("*") if not path.is_symlink())
+    place = rng.choice(places)
+    if rng.random() < 0.3 and place.is_file():
+        place.write_bytes(b"{")
+        place = place.with_name(f"{place.name}.part")
+    elif place.is_dir():
+        shutil.rmtree(place)
+    else:
+        place.unlink()
+    target = rng.choice(
+        ["pipe", "/dev/zero", "/dev/stdin", "/proc/self/environ", outside / "precious",
+         outside / "folder", outside / "nothing", place, ".."]
+    )  # fmt: skip
+    told.append(f"{place.relative_to(mine)} is {target}")
+    if target == "pipe":
+        os.mkfifo(place)
+    else:
+        place.symlink_to(target)
+
+
+def _snapshot(folder: Path) -> dict[str, Any]:
+    """All that is in a folder, without following links."""
+    found: dict[str, Any] = {}
+    for place, folders, names in os.walk(folder):
+        for path in (Path(place) / name for name in (*folders, *names)):
+            found[str(path)] = os.readlink(path) if path.is_symlink() else path.lstat().st_mode
+            if path.is_file() and not path.is_symlink():
+                found[str(path)] = path.read_bytes()
+    return found
 
 
 def _points_of(

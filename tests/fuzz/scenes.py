@@ -5,6 +5,7 @@ The same scene goes through each build of the driver in turn.
 
 import csv
 import math
+import os
 import random
 import re
 import shutil
@@ -45,6 +46,12 @@ _TEXTS = [
     "'mount.mass'", "'load(2).amplitude'", "'../k.csv'", "'/etc/passwd'", "'k.csv'", "'k.csv '",
     "'pipe'", "'caf\u00e9'", '"it\'s"', "'it''s'",
 ]  # fmt: skip
+#: A file outside of the folder of the scene, and kinds of tables.
+_PRECIOUS = "precious:x:0\n"
+_KINDS = (
+    "response", "branch", "backbone", "transient", "multiple_scales", "modes", "spectrum", "event",
+    "basins", "steady",
+)  # fmt: skip
 _FILES = {"k.csv": b"0 0.2\n1, 0.1\n# note\n2 0.05\n"}
 
 
@@ -74,15 +81,26 @@ class Scenes:
             content = text_of(mutated(rng, rng.choice(self.seeds), self.grammar)).encode()
         build = rng.choice(self.builds)
         driver, bounded = BUILDS[build]
-        return drive(content, driver, self.folder, seed, bounded=bounded)
+        hostile = rng if rng.random() < 0.1 else None
+        return drive(content, driver, self.folder, seed, bounded=bounded, hostile=hostile)
 
 
-def drive(content: bytes, driver: Path, folder: Path, seed: str, *, bounded: bool = True) -> Case:
-    """Run a driver on a scene and judge what it does."""
+def drive(
+    content: bytes,
+    driver: Path,
+    folder: Path,
+    seed: str,
+    *,
+    bounded: bool = True,
+    hostile: random.Random | None = None,
+) -> Case:
+    """Run a driver on a scene and judge what it does, also where its folder has links and pipes."""
     shutil.rmtree(folder, ignore_errors=True)
     folder.mkdir(parents=True)
     for name, text in {**_FILES, "scene.nml": content}.items():
         (folder / name).write_bytes(text)
+    if hostile is not None:
+        _plant(hostile, folder)
     command = [str(driver), "scene.nml", "--out", "out", *_LIMITS]
     done = run(command, folder, address_space=bounded, environment=_SANITIZERS)
     err = _NOTE.sub("", done.err)
@@ -97,8 +115,28 @@ def drive(content: bytes, driver: Path, folder: Path, seed: str, *, bounded: boo
             ending = Ending("stopped at a given limit")
         elif done.status > 1:
             ending = Ending("refused with a line", err.strip())
+    if hostile is not None:
+        if _PRECIOUS in done.out + done.err:
+            ending = Ending("message", "a file outside of the folder is shown")
+        elif (folder.parent / "precious").read_text() != _PRECIOUS:
+            ending = Ending("not kept", "a file outside of the folder is changed")
     how = " ".join(["VISCOVIB_SOLVE", *command[1:], "  by", *driver.parts[-4:]])
     return Case("scenes", seed, ending, how, {"scene.nml": content})
+
+
+def _plant(rng: random.Random, folder: Path) -> None:
+    """Links and pipes in the place of a table that is read, and of those that are written."""
+    outside, table = folder.parent / "precious", folder / "k.csv"
+    outside.write_text(_PRECIOUS)
+    table.unlink()
+    target = rng.choice(["pipe", "/dev/zero", "../precious", outside, "k.csv", ".", "nothing"])
+    os.mkfifo(table) if target == "pipe" else table.symlink_to(target)
+    (folder / "out").mkdir()
+    for kind in _KINDS:
+        for ending in (".csv", ".csv.part"):
+            target = rng.choice(["../../precious", outside, "nothing", ".", None])
+            if target is not None:
+                (folder / "out" / f"scene_{kind}{ending}").symlink_to(target)
 
 
 def _verdict(status: int, out: str, err: str) -> Ending | None:
@@ -120,9 +158,9 @@ def _tables(out: Path) -> Ending | None:
     if not out.exists():
         return None
     for path in sorted(out.rglob("*")):
-        if path.suffix == ".part":
+        if path.suffix == ".part" and not path.is_symlink():
             return Ending("part left", path.name)
-        if path.suffix == ".csv" and (fault := not_finite(path)):
+        if path.suffix == ".csv" and not path.is_symlink() and (fault := not_finite(path)):
             return Ending("not finite", f"{path.name}: {fault}")
     return None
 
