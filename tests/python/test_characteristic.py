@@ -259,3 +259,95 @@ def test_real_roots_side_by_side():
         true = [s.real for s in np.concatenate(roots) if abs(s.imag) < 1e-12 and s.real > 1e-9]
         found = system.characteristic_roots().real
         assert found == pytest.approx(sorted(true, reverse=True), rel=1e-8)
+
+
+def test_uncoupled_masses_on_one_rabotnov_kernel_have_a_root_each():
+    """Integrals near 1 and large rates, as fits of power laws have: closed equation, Newton."""
+    rng = np.random.default_rng(2)
+    for _ in range(24):
+        alpha, beta = rng.uniform(0.1, 0.6), 10 ** rng.uniform(1, 8)
+        left = 10 ** rng.uniform(-6, -1)
+        kernel = vv.RabotnovKernel(amplitude=(1 - left) * beta, alpha=alpha, beta=beta)
+        mass, stiffness = 10 ** rng.uniform(0, 2.5, 2), 10 ** rng.uniform(3, 12, 2)
+        system = vv.PolynomialSystem(mass=mass, stiffness=stiffness, kernel=kernel)
+        roots = system.characteristic_roots()
+        assert roots.complete
+        assert "damping ratio below 0.999" in roots.region
+        assert roots.oscillatory.size == 2
+        for m, k in zip(mass, stiffness, strict=True):
+            kept = 1 - (1 - left) * beta / (roots.oscillatory**alpha + beta)
+            misses = np.abs(m * roots.oscillatory**2 + k * kept) / (k * np.abs(kept))
+            assert misses.min() < 1e-9
+
+
+def test_roots_of_sums_of_exponentials_are_all_zeros_of_their_polynomial():
+    """Strongly damped oscillatory roots, too; reference: 60 digits."""
+    rng = np.random.default_rng(4)
+    for _ in range(60):
+        n = int(rng.integers(1, 4))
+        rates = np.sort(10 ** rng.uniform(-1, 1.3, n))
+        shares = rng.dirichlet(np.ones(n)) * rng.uniform(0.3, 0.98)
+        damping = rng.uniform(0, 3)
+        kernel = vv.PronyKernel(weights=shares * rates, rates=rates)
+        system = vv.PolynomialSystem(mass=1, stiffness=1, damping=damping, kernel=kernel)
+        found = system.characteristic_roots()
+        with mpmath.workdps(60):
+            s = mpmath.mpf(1)
+            product = [s]
+            for rate in rates:
+                product = multiplied(product, [1, mpmath.mpf(rate)])
+            whole = multiplied([1, mpmath.mpf(damping), 1], product)
+            for j in range(n):
+                part = [-mpmath.mpf(shares[j] * rates[j])]
+                for i, rate in enumerate(rates):
+                    if i != j:
+                        part = multiplied(part, [1, mpmath.mpf(rate)])
+                for i, value in enumerate(reversed(part), 1):
+                    whole[-i] += value
+            exact = [complex(r) for r in mpmath.polyroots(whole, maxsteps=500, extraprec=200)]
+        exact = sorted((r for r in exact if r.imag > 1e-6 * abs(r)), key=lambda r: r.imag)
+        assert found.complete
+        assert found.oscillatory == pytest.approx(np.array(exact, dtype=complex), rel=1e-8)
+
+
+def multiplied(a, b):
+    """Product of two polynomials."""
+    total = [mpmath.mpf(0)] * (len(a) + len(b) - 1)
+    for i, x in enumerate(a):
+        for j, y in enumerate(b):
+            total[i + j] += x * y
+    return total
+
+
+def test_growing_real_roots_of_structures_are_counted():
+    """Masses on springs with Abel kernels: s^2 m + k (1 - A Gamma(alpha)/s^alpha) = 0, s > 0."""
+    rng = np.random.default_rng(6)
+    for _ in range(4):
+        n = int(rng.integers(1, 4))
+        mass, stiffness = rng.uniform(0.5, 2, n), rng.uniform(1, 50, n)
+        amplitude, alpha = rng.uniform(0.02, 0.3), rng.uniform(0.3, 0.7)
+        with pytest.warns(vv.StabilityWarning):
+            chain = vv.Structure(
+                mass=mass, stiffness=np.zeros((n, n)),
+                elements=[
+                    vv.Spring(
+                        on=i, law=f"{stiffness[i]}*d",
+                        kernel=vv.AbelKernel(amplitude=amplitude, alpha=alpha),
+                    )
+                    for i in range(n)
+                ],
+            )  # fmt: skip
+        roots = chain.characteristic_roots()
+        exact = [
+            mpmath.findroot(
+                lambda s, m=m, k=k, a=amplitude, p=alpha: (
+                    m * s**2 + k * (1 - a * mpmath.gamma(p) / s**p)
+                ),
+                ((amplitude * math.gamma(alpha)) ** (1 / alpha) * 1e-3, 1e3), solver="anderson",
+            )
+            for m, k in zip(mass, stiffness, strict=True)
+        ]  # fmt: skip
+        assert roots.real == pytest.approx(sorted(map(float, exact), reverse=True), rel=1e-9)
+        assert roots.n_unstable == n
+        assert "Im s = 0" in roots.region
+        assert not roots.complete

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import cmath
 import math
+import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -13,8 +14,12 @@ import numpy.typing as npt
 
 from viscovib._native import ComplexArray, FloatArray
 from viscovib.common.values import Value
-from viscovib.errors import InputError
+from viscovib.errors import ConvergenceWarning, InputError, caller
 from viscovib.kernels.relaxation import Kernel, RzhanitsynKernel
+from viscovib.kernels.sum_kernel import SumKernel
+from viscovib.kernels.tabulated import TabulatedKernel
+from viscovib.kernels.time_temperature import ThermalKernel
+from viscovib.systems.layers import exponentials_of
 
 # Memory is brought in by steps of 1/24 or less: a step that moves a root by more than 8 % may have
 # landed on another root, and is taken in four.
@@ -25,6 +30,12 @@ _BENDS = (0.0, 0.4j, -0.4j)
 # Steps of Newton's method; the last one of a root, as a part of it: a double one is known to the
 # root of rounding. Nearer to the axis than to be told from it.
 _NEWTON, _LAST, _ON_AXIS = 60, 1e-6, 2e-15
+#: Damping ratio up to which roots are counted left of the imaginary axis, and points there.
+_MOST_DAMPED, _POINTS = 0.999, 20_000
+#: States up to which all roots of sums of exponentials are eigenvalues of one matrix.
+_MOST_STATES = 400
+#: Search for missing roots: points per decade, angles, decades beyond the natural frequencies.
+_A_DECADE, _ANGLES, _BEYOND = 4, 7, 2
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -42,7 +53,9 @@ class CharacteristicRoots(Value):
     n_unstable : int
         Roots with positive real part, conjugates counted, by the argument principle.
     complete : bool
-        Whether the roots listed account for all unstable ones.
+        Whether all roots in ``region`` are listed, by the argument principle on its boundary.
+    region : str
+        The part of the complex plane for which ``complete`` holds.
 
     Examples
     --------
@@ -60,6 +73,7 @@ class CharacteristicRoots(Value):
     real: FloatArray
     n_unstable: int
     complete: bool
+    region: str = ""
 
     @property
     def growth_rate(self) -> float:
@@ -92,10 +106,21 @@ def characteristic_roots(
     # Where a transform grows beyond the range of numbers nothing is found.
     with np.errstate(over="ignore", invalid="ignore"):
         oscillatory = system.oscillatory()
-    real = system.real()
-    n_unstable = system.count_unstable(oscillatory)
+        real = system.real()
+        n_unstable, missing = system.count(oscillatory)
+        if missing > 0:
+            oscillatory = system.searched(oscillatory, missing)
+            n_unstable, missing = system.count(oscillatory)
     found = 2 * int((oscillatory.real > 0).sum()) + int((real > 0).sum())
-    return CharacteristicRoots(oscillatory, real, n_unstable, found == n_unstable)
+    if missing:
+        warnings.warn(
+            f"the argument principle gives {missing:+d} oscillatory roots with a damping ratio "
+            f"below {_MOST_DAMPED} to those listed",
+            ConvergenceWarning,
+            stacklevel=caller(),
+        )
+    complete = found == n_unstable and missing == 0
+    return CharacteristicRoots(oscillatory, real, n_unstable, complete, system.region)
 
 
 class _System:
@@ -164,12 +189,99 @@ class _System:
         roots.real[np.abs(roots.real) < 1e-13 * np.abs(roots)] = 0.0
         return roots
 
+    @property
+    def is_tabulated(self) -> bool:
+        """Whether a kernel is a table, which has roots without number far left."""
+        return any(kernel is not None and _is_table(kernel) for _, kernel in self.springs)
+
+    @property
+    def region(self) -> str:
+        """Where roots are counted."""
+        if not self.remembers:
+            return "the whole plane"
+        if self.is_tabulated:
+            return "Re s > 0"
+        return f"Re s > 0, and Im s != 0 with a damping ratio below {_MOST_DAMPED}"
+
     def oscillatory(self) -> ComplexArray:
-        """From the roots without memory, memory brought in step by step."""
+        """All roots of sums of exponentials; else from the roots without memory."""
+        if not self.remembers:
+            starts = self.without_memory()
+            starts = starts[starts.imag > 1e-12 * np.abs(starts)]
+            return starts[np.argsort(starts.imag)]
+        states = self._states()
+        roots = self._continued() if states is None else self._eigenvalues(states)
+        return _listed(roots)
+
+    def _states(self) -> FloatArray | None:
+        """The matrix of (u, u', y_q), y_q' = u - b_q y_q for each exponential; None: not of these.
+
+        (K + s C)(1 - w/(s + b)) = K + s C - w C - w (K - b C)/(s + b).
+        """
+        n, terms = self.n, []
+        stiffness = self.stiffness.copy()
+        for (spring, kernel), damper in zip(self.springs, self.dampers, strict=True):
+            found = None if kernel is None else exponentials_of(kernel)
+            if kernel is not None and found is None:
+                return None
+            for w, b in zip(*(found or ((), ())), strict=True):
+                pull = spring if damper is None else spring - b * damper
+                stiffness -= 0 if damper is None else self.memory_scale * w * damper
+                terms.append((self.memory_scale * w * pull, b))
+        size = (2 + len(terms)) * n
+        if size > _MOST_STATES:
+            return None
+        matrix = np.zeros((size, size))
+        inverse = np.linalg.inv(self.mass)
+        matrix[:n, n : 2 * n] = np.eye(n)
+        matrix[n : 2 * n, :n] = -inverse @ stiffness
+        matrix[n : 2 * n, n : 2 * n] = -inverse @ self.all_damping
+        for q, (pull, b) in enumerate(terms, 2):
+            own = slice(q * n, (q + 1) * n)
+            matrix[n : 2 * n, own] = inverse @ pull
+            matrix[own, :n] = np.eye(n)
+            matrix[own, own] = -b * np.eye(n)
+        return matrix
+
+    def _eigenvalues(self, matrix: FloatArray) -> list[complex]:
+        """Oscillatory eigenvalues, polished by Newton's method."""
+        found = np.linalg.eigvals(matrix)
+        roots: list[complex] = []
+        for start in found[found.imag > 1e-9 * np.abs(found)]:
+            self._add(complex(start), roots)
+        return roots
+
+    def _add(self, start: complex, roots: list[complex]) -> None:
+        """Add the root near a start, if Newton's method finds a new one."""
+        s = self._polish(start, 1.0)
+        if not cmath.isfinite(s):
+            return
+        s = complex(s.real, abs(s.imag))
+        if any(abs(s - r) < 1e-9 * abs(s) for r in roots):
+            roots += self._twin(s, roots)
+        elif s.imag > 1e-9 * abs(s) and self._is_root(s):
+            roots.append(s)
+
+    def searched(self, known: ComplexArray, missing: int) -> ComplexArray:
+        """The roots known and those that Newton's method finds from places all over the region."""
+        roots = list(known)
+        wanted = len(roots) + missing
+        low, high = self.slowest / 10**_BEYOND, self.fastest * 10**_BEYOND
+        n = math.ceil(_A_DECADE * math.log10(high / low))
+        sizes = np.geomspace(low, high, n + 1)
+        # Near the natural frequencies first.
+        sizes = sizes[np.argsort(np.abs(np.log(sizes / math.sqrt(self.slowest * self.fastest))))]
+        for size in sizes:
+            for angle in np.linspace(0.5 * np.pi, math.pi - math.acos(_MOST_DAMPED), _ANGLES):
+                if len(roots) >= wanted:
+                    return _listed(roots)
+                self._add(complex(size * cmath.exp(1j * angle)), roots)
+        return _listed(roots)
+
+    def _continued(self) -> list[complex]:
+        """Memory is brought in step by step."""
         starts = self.without_memory()
         starts = starts[starts.imag > 1e-12 * np.abs(starts)]
-        if not self.remembers:
-            return starts[np.argsort(starts.imag)]
         roots: list[complex] = []
         for start in starts:
             for bend in _BENDS:
@@ -183,9 +295,7 @@ class _System:
                     break
             else:
                 roots += self._twin(s, roots)
-        listed = np.array(sorted(roots, key=lambda s: s.imag), dtype=complex)
-        listed.real[np.abs(listed.real) < _ON_AXIS * np.abs(listed)] = 0.0
-        return listed
+        return roots
 
     def _is_root(self, s: complex) -> bool:
         """Whether det D is small there beside its values nearby.
@@ -303,18 +413,39 @@ class _System:
                 found.append(float(root))
         return np.array(sorted(found, reverse=True))
 
-    def count_unstable(self, known: ComplexArray) -> int:
-        """Roots right of the imaginary axis by the turns of det D(i omega): Nyquist.
+    def count(self, known: ComplexArray) -> tuple[int, int]:
+        """Roots right of the imaginary axis, and how many oscillatory ones left of it are unknown.
 
+        By the turns of det D along the imaginary axis (Nyquist) and along a ray on the left.
         Pairs of oscillatory roots that are known are divided out: light modes side by side turn
         the determinant by more than pi between two frequencies, however close these are.
         """
         if not self.remembers:
-            return int((self.without_memory().real > 0).sum())
+            return int((self.without_memory().real > 0).sum()), 0
+        near, far = 1e-14 * self.slowest, 1e8 * self.fastest
         # A quarter of a small circle first: a kernel may be singular at 0.
-        circle = 1e-14 * self.slowest * np.exp(0.5j * np.pi * np.linspace(0, 1, 64))
-        along = 1j * np.geomspace(1e-14 * self.slowest, 1e8 * self.fastest, 60_000)
-        s = np.concatenate([circle, along])
+        circle = near * np.exp(0.5j * np.pi * np.linspace(0, 1, 64))
+        along = 1j * np.geomspace(near, far, 60_000)
+        turned = self._turned(np.concatenate([circle, along]), known)
+        others = round(float(self.n - known.size - (turned[-1] - turned[0]) / np.pi))
+        n_unstable = others + 2 * int((known.real > 0).sum())
+        if self.is_tabulated:
+            return n_unstable, 0
+        # At infinity det D is s^2n det M; each known pair turns as s^2.
+        end = math.pi - math.acos(_MOST_DAMPED)
+        angles = np.linspace(0.5 * np.pi, end, 64)
+        # A real root may be at rounding of 0: the arc is well outside.
+        first = int(np.searchsorted(along.imag, 1e-9 * self.slowest))
+        ray = np.geomspace(along[first].imag, far, _POINTS) * cmath.exp(1j * end)
+        arc = self._turned(along[first].imag * np.exp(1j * angles), known)
+        left = self._turned(ray, known)
+        up = turned[-1] - turned[circle.size + first]
+        outer = 2 * (self.n - known.size) * (end - 0.5 * np.pi)
+        total = up + outer - (left[-1] - left[0]) - (arc[-1] - arc[0])
+        return n_unstable, round(float(total / (2 * np.pi)))
+
+    def _turned(self, s: ComplexArray, known: ComplexArray) -> FloatArray:
+        """Angle of det D along a path, known pairs divided out."""
         parts = np.array_split(s, max(1, self.n**2 // 16))
         sizes = (np.abs(part) ** 2 + self.slowest**2 for part in parts)
         determinants = [
@@ -323,8 +454,18 @@ class _System:
         angle = np.angle(np.concatenate(determinants))
         for root in known:
             angle = angle - np.angle(s - root) - np.angle(s - root.conj())
-        turned = np.unwrap(angle)
-        # At infinity det D is s^2n det M, which turns by n pi from the real axis to the imaginary;
-        # each pair turns by pi.
-        others = round(float(self.n - known.size - (turned[-1] - turned[0]) / np.pi))
-        return others + 2 * int((known.real > 0).sum())
+        return np.asarray(np.unwrap(angle))
+
+
+def _is_table(kernel: Kernel) -> bool:
+    if isinstance(kernel, SumKernel):
+        return any(_is_table(part) for part in kernel.parts)
+    within = kernel.kernel if isinstance(kernel, ThermalKernel) else kernel
+    return isinstance(within, TabulatedKernel)
+
+
+def _listed(roots: Sequence[complex]) -> ComplexArray:
+    """By rising frequency, those on the imaginary axis put there."""
+    listed = np.array(sorted(roots, key=lambda s: s.imag), dtype=complex)
+    listed.real[np.abs(listed.real) < _ON_AXIS * np.abs(listed)] = 0.0
+    return listed

@@ -37,6 +37,8 @@ _NEWTON, _BEGINNING = 30, 40
 _CONVERGED, _ROUNDING = 1e-13, 1e-10
 #: Coordinates up to which all eigenvalues are looked at where some roots were not found.
 _SMALL = 200
+#: Coordinates up to which growing real roots are searched.
+_DENSE = 500
 #: A frequency to begin at is known well enough within this part.
 _CLOSE = 1e-3
 
@@ -135,8 +137,48 @@ def structure_roots(structure: Any, count: Any, layers: Any) -> CharacteristicRo
     if structure.supports:
         model = _without(model, [structure._places[name] for name in structure.supports])
     roots, _ = sparse_roots(model, wanted)
-    growing = 2 * int((roots.real > 0).sum())
-    return CharacteristicRoots(roots, np.zeros(0), growing, False)
+    real = _growing(model)
+    growing = 2 * int((roots.real > 0).sum()) + (0 if real is None else real.size)
+    region = f"the first {wanted} oscillatory roots" + (
+        " and Im s = 0, Re s > 0" if real is not None else ""
+    )
+    return CharacteristicRoots(roots, np.zeros(0) if real is None else real, growing, False, region)
+
+
+def _growing(model: LinearModel) -> FloatArray | None:
+    """Positive real roots, largest first: where the number of negative eigenvalues of D changes.
+
+    None: D is too large for dense eigenvalues, or not symmetric.
+    """
+    n = model.mass.shape[0]
+    matrices = [m for m in model.matrices if m is not None]
+    if n > _DENSE or np.any(model.ratio) or any(abs(m - m.T).max() > 0 for m in matrices):
+        return None
+    model = model._replace(loss=0.0)
+    dense = [np.asarray(csc_array(m).toarray()) for m in model.matrices]
+
+    def below(s: float) -> int:
+        values = model.coefficients(np.array([s + 0j]))[:, 0].real
+        whole = sum(value * matrix for value, matrix in zip(values, dense, strict=True))
+        sizes = np.linalg.eigvalsh(whole)
+        return int((sizes < -1e-13 * np.abs(sizes).max()).sum())
+
+    size = np.abs(dense[0].diagonal()).max()
+    fastest = float(np.sqrt(np.abs(csc_array(model.at_rest).diagonal()).max() / size)) or 1.0
+    roots: list[float] = []
+    low, high = 1e-9 * fastest, 1e6 * fastest
+    parts = [(low, below(low), high, below(high))]
+    while parts:
+        a, n_a, b, n_b = parts.pop()
+        if n_a == n_b:
+            continue
+        middle = float(np.sqrt(a * b))
+        if b - a <= 1e-12 * b or not a < middle < b:
+            roots += [middle] * abs(n_a - n_b)
+            continue
+        n_middle = below(middle)
+        parts += [(a, n_a, middle, n_middle), (middle, n_middle, b, n_b)]
+    return np.array(sorted(roots, reverse=True))
 
 
 def _without(model: LinearModel, places: Sequence[int]) -> LinearModel:
