@@ -85,6 +85,7 @@ contains
     call self%system%add_base(trajectory%t_reached, q, v)
     trajectory%last(1::2) = q(:m)
     trajectory%last(2::2) = v(:m)
+    if (trajectory%n_steps == n) trajectory%t_reached = job%t_end
     if (job%last_only) then
       trajectory%t = [trajectory%t_reached]
       allocate (trajectory%states(size(job%initial), 1))
@@ -99,6 +100,8 @@ contains
     do i = 0, kept
       trajectory%t(i + 1) = real(every*i, wp)*trajectory%h
     end do
+    ! The product is rounded.
+    if (every*kept == n) trajectory%t(kept + 1) = job%t_end
   end subroutine make_driven
 
 end module viscovib_driven_runs

@@ -261,6 +261,7 @@ contains
       shortest = scale(trajectory%h, -14)
       if (allocated(job%watched)) call new_watch(trajectory%watch, job%watched, n_dof=size(u))
     end do
+    if (trajectory%n_steps == n) trajectory%t_reached = job%t_end
     if (job%last_only) then
       trajectory%t = [trajectory%t_reached]
       allocate (trajectory%states(size(self%first), 1))
@@ -281,6 +282,8 @@ contains
     do i = 0, kept
       trajectory%t(i + 1) = real(every*i, wp)*trajectory%h
     end do
+    ! The product is rounded.
+    if (every*kept == n) trajectory%t(kept + 1) = job%t_end
   end subroutine make
 
   subroutine make_shaken(self, job, n, thinning, sign, trajectory, status)

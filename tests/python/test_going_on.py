@@ -342,3 +342,51 @@ def test_loads_and_tables_take_turns_beside_elements(first):
 
         then = "force" if first == "load" else "load"
         np.testing.assert_allclose(run(first, then), run(first, first), atol=1e-11)
+
+
+RUBBER = vv.RzhanitsynKernel(amplitude=0.048, alpha=0.1, beta=0.05)
+
+
+@pytest.mark.parametrize("kind", ["linear", "memory", "cubic", "kink", "structure"])
+def test_runs_whose_step_was_found_go_on_to_any_time(kind):
+    rng = np.random.default_rng(len(kind))
+    chain = 2 * np.eye(3) - np.eye(3, k=1) - np.eye(3, k=-1)
+    one = {"mass": 1, "stiffness": 1, "damping": 0.1}
+    system = {
+        "linear": lambda: vv.PolynomialSystem(**one),
+        "memory": lambda: vv.PolynomialSystem(**one, forces="0.5*x^3", kernel=RUBBER),
+        "cubic": lambda: vv.PolynomialSystem(**one, forces="0.5*x^3"),
+        "kink": lambda: vv.PolynomialSystem(**one, forces="0.5*max(x - 0.1, 0)"),
+        "structure": lambda: vv.Structure(
+            mass=np.eye(3), stiffness=chain, damping=0.05 * chain,
+            elements=[vv.Spring(on="x3", law="0.5*d^3")],
+        ),
+    }[kind]()  # fmt: skip
+    load = {"x1": 0.3} if kind == "structure" else 0.3
+    first, middle, last = np.cumsum(rng.uniform(1, 4, 3))
+    whole = vv.simulate(system, last, load=load, nu=1.1)
+    run = vv.simulate(system, first, load=load, nu=1.1)
+    for end in (middle, last):
+        run = vv.simulate(system, end, resume=run)
+        assert run.t[-1] == run.t_reached == end
+    assert run.state[-1] == pytest.approx(whole.state[-1], abs=1e-9)
+    other = vv.simulate(system, last + 0.7123, resume=run, load=load, nu=0.9, keep="last")
+    assert other.t[-1] == last + 0.7123
+    with pytest.raises(vv.InputError, match="must be greater than"):
+        vv.simulate(system, middle, resume=run)
+    given = vv.simulate(system, 1.0, dt=0.1, load=load, nu=1.1)
+    with pytest.raises(vv.InputError, match=r"a whole number of steps 0\.1"):
+        vv.simulate(system, 1.23, resume=given)
+
+
+def test_the_last_time_is_the_end_itself():
+    """Not the rounded product of steps and their length."""
+    rng = np.random.default_rng(3)
+    system = vv.PolynomialSystem(mass=1, stiffness=1, damping=0.1)
+    for i in range(40):
+        end = float(rng.uniform(0.1, 100))
+        run = vv.simulate(system, end, dt=end / rng.uniform(2, 300), initial=[1, 0])
+        assert run.t[-1] == run.t_reached == end
+        n = int(rng.integers(1, 9))
+        later = vv.simulate(system, end + n * run.step, resume=run, keep=("all", "last")[i % 2])
+        assert later.t[-1] == later.t_reached == end + n * run.step

@@ -244,6 +244,7 @@ def go_on(
     if other is not None:
         before, run = run, other(run.h)
         run.adopt(before)
+        run.has_found_step = before.has_found_step
     n, kept = _ahead(run, end, want)
     if not run.serves():
         prepared = again(run, 1)
@@ -269,13 +270,15 @@ def _ahead(run: Run, end: float, want: Wanted) -> tuple[int, Wanted]:
     now = run.time
     if run.mesh is None and not run.breaks.size:
         n = round((end - now) / run.h)
-        if n < 1 or abs(now + n * run.h - end) > 1e-9 * max(abs(end), run.h):
+        if n >= 1 and abs(now + n * run.h - end) <= 1e-9 * max(abs(end), run.h):
+            run.goal = run.done + n, end
+            if run.kept_of_step > 1 and want.no_choice:
+                want = want.at(np.linspace(now, end, n * run.kept_of_step + 1))
+            return n, want
+        if not run.has_found_step:
             raise InputError(
                 f"t_end = {end:g}: must be a whole number of steps {run.h:g} after {now:g}"
             )
-        if run.kept_of_step > 1 and want.no_choice:
-            want = want.at(np.linspace(now, end, n * run.kept_of_step + 1))
-        return n, want
     if not end > now:
         raise InputError(f"t_end = {end:g}: must be greater than {now:g}, where the run ended")
     done = run.done

@@ -246,6 +246,10 @@ class Run(ABC):
     too_long: float = 0.0
     #: Steps a native call takes at most: how often progress shows and Ctrl-C is heard.
     piece: int = 200_000
+    #: Number of equal steps that end at a given time, and that time: their product is rounded.
+    goal: tuple[int, float] = (-1, 0.0)
+    #: True if the step was found by a tolerance.
+    has_found_step: bool = False
 
     def __init__(
         self,
@@ -393,7 +397,9 @@ class Run(ABC):
         return self._time_after(self.done)
 
     def _time_after(self, steps: int) -> float:
-        return steps * self.h if self.mesh is None else self.mesh.time(steps)
+        if self.mesh is not None:
+            return self.mesh.time(steps)
+        return self.goal[1] if steps == self.goal[0] else steps * self.h
 
     def steps(self, n: int, want: Wanted, progress: bool) -> Trajectory:
         """Make n steps."""
@@ -431,7 +437,10 @@ class Run(ABC):
             kept, t = self.state[np.newaxis], np.array([self.reached])
         else:
             kept = np.concatenate([first[np.newaxis], *states])
-            t = np.multiply(start + want.every * np.arange(kept.shape[0]), self.h, dtype=float)
+            made = start + want.every * np.arange(kept.shape[0])
+            t = np.multiply(made, self.h, dtype=float)
+            if self.mesh is None and made[-1] == self.goal[0]:
+                t[-1] = self.goal[1]
         return Trajectory(
             t=t,
             state=kept,

@@ -297,6 +297,8 @@ def _found(
 ) -> Trajectory:
     """The run with its error and those of its events, as of `with_event_errors`."""
     found = replace(run, error=max(change, least_error(run)), _planned=plan)
+    if found._resume is not None:
+        found._resume.has_found_step = True
     return with_event_errors(found, coarse, pair, looks_of(*pair), grown)
 
 

@@ -436,6 +436,7 @@ class _Steps:
             else:
                 kept = self.want.finer(factor // parts)
             made = begun(self.end / steps, factor)
+            made.goal = steps, self.end
             made.look_every = looks * factor
             return made.steps(steps, kept, self.progress)
 
