@@ -350,3 +350,48 @@ def test_a_run_that_needs_more_room_for_its_past_begins_anew(steps):
         np.testing.assert_allclose(found.t, true.t, atol=1e-6)
     ends = [vv.Event("y - 0.01", direction="down", terminal=True)]
     assert vv.simulate(system, 1.9, events=ends, memory="direct", **call).outcome == "completed"
+
+
+@pytest.mark.parametrize("restitution", [0.6, 0.9, 1.0])
+def test_impacts_are_events_with_a_name(restitution):
+    """Free motion from (0, 1) with a rigid stop: x = g cos(s) - e v sin(s) between impacts."""
+    rng = np.random.default_rng(int(10 * restitution))
+    for side in (1, -1, 0):
+        gap = float(rng.uniform(0.05, 0.4))
+        stop = (vv.Stop if side == 0 else vv.Gap)(
+            on={"x2": float(side or 1)}, gap=gap, restitution=restitution
+        )
+        body = vv.Structure(
+            mass=[2, 1], stiffness=[3, 1], elements=[vv.Spring(on="x1", law="d^3"), stop]
+        )
+        start = [0.2, 0, 0, 1.0 if side >= 0 else -1.0]
+        run = vv.simulate(body, 30, initial=start, events=["impact", "x1", "impact[1]"])
+        times, rates = [np.arcsin(gap)], [restitution * np.cos(np.arcsin(gap))]
+        while side and times[-1] < 30:
+            times.append(times[-1] + 2 * (np.pi - np.arctan(rates[-1] / gap)))
+            rates.append(restitution * rates[-1])
+        if side == 0:
+            # From one stop to the other, g cos(s) - v sin(s) = -g, as long as the energy lasts.
+            while times[-1] < 30:
+                v = rates[-1]
+                size, phase = np.hypot(gap, v), np.arctan2(v, gap)
+                times.append(times[-1] + np.arccos(-gap / size) - phase)
+                rates.append(restitution * v)
+        n = int((np.array(times) < 30).sum())
+        assert run.events[0].t == pytest.approx(times[:n], abs=1e-8)
+        assert run.events[2].t == pytest.approx(times[:n], abs=1e-8)
+        assert np.abs(run.events[0].state[:, 3]) == pytest.approx(rates[:n], abs=1e-8)
+        assert run.events[1].t.size > 0
+
+
+def test_an_impact_without_a_rigid_stop_is_refused():
+    stops = [vv.Stop(on="x1", gap=g, restitution=0.5) for g in (0.1, 0.2)]
+    job = {"load": {"x1": 0.1}, "nu": 0.9}
+    soft = vv.Structure(mass=[1], stiffness=[1], elements=[vv.Stop(on="x1", gap=1, stiffness=5)])
+    with pytest.raises(vv.InputError, match="no element is a rigid stop"):
+        vv.simulate(soft, 5, events=["impact"], **job)
+    two = vv.Structure(mass=[1], stiffness=[1], elements=stops)
+    with pytest.raises(vv.InputError, match=r"must be impact\[0\], impact\[1\]"):
+        vv.simulate(two, 5, events=["impact"], **job)
+    with pytest.raises(vv.InputError, match="must not be terminal"):
+        vv.simulate(two, 5, events=[vv.Event("impact[0]", terminal=True)], **job)

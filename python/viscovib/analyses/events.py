@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -20,6 +22,8 @@ ROOM, _MOST = 50_000, 5_000_000
 _GATHERED = 3
 #: Of the size of a signal that never had a value (`watch_type` of the core), and below.
 _NO_VALUE = -1022
+#: The text of impacts; part of its travel within which a deflection is at its stop.
+_IMPACT, _AT_STOP = re.compile(r"\s*impact\s*(?:\[\s*(\d+)\s*\])?\s*"), 1e-9
 _DIRECTIONS = {"any": 0, "up": 1, "down": -1}
 _MOST_EVENTS = 100
 
@@ -32,7 +36,10 @@ class Event:
     ----------
     function : str
         Text of coordinates, their velocities (``x_dot``) and the time ``t``, with the functions of
-        force laws: ``"x - 0.1"``, ``"x_dot"``, ``"x1 - x2"``, ``"sin(1.3*t)"``.
+        force laws: ``"x - 0.1"``, ``"x_dot"``, ``"x1 - x2"``, ``"sin(1.3*t)"``. Of a structure
+        also ``"impact[i]"``: impacts at the rigid stop ``elements[i]``, a `Gap` or a `Stop` with a
+        restitution, with the state right after the impact; ``"impact"`` if it is the only one. (A
+        deflection touches its gap without passing it.)
     direction : {"any", "up", "down"}
         Which passages count: "up" from negative to positive.
     terminal : bool
@@ -61,6 +68,53 @@ class Event:
         _native.flag("terminal", self.terminal)
 
 
+class Impact(NamedTuple):
+    """Where a passage of the rate of a deflection through 0 is an impact."""
+
+    direction: FloatArray
+    gap: float
+    both: bool
+
+    def keeps(self, states: FloatArray) -> npt.NDArray[np.bool_]:
+        """Which states, shape (n, 2 m), are at the stop."""
+        d = states[:, : 2 * self.direction.size : 2] @ self.direction
+        place = np.abs(d) if self.both else d
+        return np.asarray(
+            np.abs(place - self.gap) <= _AT_STOP * max(1e-300, abs(self.gap), *abs(d))
+        )
+
+
+def impact_of(called: str, event: Event, system: Any, names: Sequence[str]) -> tuple[Event, Impact]:
+    """Return the event of the core for ``"impact[i]"``, and what makes it one."""
+    from viscovib.systems.contacts import Contact, Stop
+    from viscovib.systems.elements import direction_of
+
+    elements = list(getattr(system, "elements", ()))
+    rigid = [
+        i for i, one in enumerate(elements)
+        if isinstance(one, Contact) and one.restitution is not None
+    ]  # fmt: skip
+    found = _IMPACT.fullmatch(event.function)
+    place = int(found[1]) if found and found[1] else (rigid[0] if len(rigid) == 1 else -1)
+    if place not in rigid:
+        listed = ", ".join(f"impact[{i}]" for i in rigid) or "a function of the state: no element"
+        raise InputError(
+            f"{called} = {event.function!r}: must be {listed}{'' if rigid else ' is a rigid stop'}"
+        )
+    if event.terminal:
+        raise InputError(f"{called} = {event.function!r}: must not be terminal")
+    stop = elements[place]
+    e = direction_of("on", stop.on, len(system.dof_names), system._places)
+    seen = {name: e[i] for name, i in system._places.items() if e[i]}
+    if lacking := sorted(set(seen) - set(names)):
+        raise InputError(f"coordinates: must include {', '.join(lacking)} for {event.function!r}")
+    text = "+".join(f"({float(w)!r})*{name}_dot" for name, w in seen.items())
+    both = isinstance(stop, Stop)
+    direction = np.array([seen.get(name, 0.0) for name in names])
+    way = "any" if both else "down"
+    return replace(event, function=text, direction=way), Impact(direction, stop.gap, both)
+
+
 def n_states(rows: int) -> int:
     """How many rows of a passage are its state; others tell which and when, and what changes."""
     return 2 * ((rows - 4) // 3)
@@ -69,8 +123,15 @@ def n_states(rows: int) -> int:
 class Watch:
     """Events as the core takes them, and what was found of them so far."""
 
-    def __init__(self, laws: Sequence[Law], events: Sequence[Event]) -> None:
+    def __init__(
+        self,
+        laws: Sequence[Law],
+        events: Sequence[Event],
+        impacts: Sequence[Impact | None] = (),
+    ) -> None:
         self.events = events
+        #: Of each event: where it counts; None: everywhere.
+        self.impacts = impacts
         numbers: list[float] = [len(laws)]
         for law, event in zip(laws, events, strict=True):
             numbers += [_DIRECTIONS[event.direction], int(event.terminal), len(law.code)]
@@ -86,7 +147,9 @@ class Watch:
         self.gathered: FloatArray | None = None
 
     @classmethod
-    def checked(cls, events: object, names: Sequence[str], told: str = "") -> Watch:
+    def checked(
+        cls, events: object, names: Sequence[str], told: str = "", system: Any = None
+    ) -> Watch:
         """Compile events of a motion with these coordinates; ``told``: what the user calls it."""
         if isinstance(events, (str, Event)):
             events = [events]
@@ -104,9 +167,14 @@ class Watch:
                     f"{called[i]} = {_native.shown(event)}: must be a text or an Event"
                 )
             own.append(event)
+        impacts: list[Impact | None] = [None] * len(own)
+        given = list(own)
+        for i, event in enumerate(own):
+            if _IMPACT.fullmatch(event.function) and "impact" not in names:
+                given[i], impacts[i] = impact_of(called[i], event, system, names)
         arguments = [f"{name}{dot}" for name in names for dot in ("", "_dot")] + ["t"]
         laws = [
-            compile_law(called[i], event.function, arguments, {}) for i, event in enumerate(own)
+            compile_law(called[i], event.function, arguments, {}) for i, event in enumerate(given)
         ]
         for i, law in enumerate(laws):
             if not law.places:
@@ -114,12 +182,14 @@ class Watch:
                     f"{called[i]} = {own[i].function!r}: depends on no quantity, must name "
                     f"{', '.join(arguments[:6])}{', ...' if len(arguments) > 6 else ''}"
                 )
-        return cls(laws, own)
+        watch = cls(laws, given, impacts)
+        watch.events = own
+        return watch
 
     def fresh(self) -> Watch:
         """The same events of a run that begins."""
         other = object.__new__(Watch)
-        other.events, other.vector = self.events, self.vector
+        other.events, other.vector, other.impacts = self.events, self.vector, self.impacts
         other.sides = np.zeros_like(self.sides)
         other.found = []
         other.gathers, other.gathered = self.gathers, None
@@ -163,8 +233,13 @@ class Watch:
                 f"events: more than {ROOM} in a piece of the run, or {_MOST} in all: take a "
                 "shorter run, or count fewer of them"
             )
-        if count:
-            self.found.append(np.array(found[:, :count].T))
+        rows = np.array(found[:, :count].T)
+        for i, impact in enumerate(self.impacts):
+            if impact is not None and count:
+                states = rows[:, 2 : 2 + n_states(found.shape[0])]
+                rows = rows[(rows[:, 0] != i + 1) | impact.keeps(states)]
+        if rows.size:
+            self.found.append(rows)
 
     def take_gathered(self, found: FloatArray, count: int) -> None:
         """Take in what a native call, which found so many passages, has gathered."""

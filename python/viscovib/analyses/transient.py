@@ -245,7 +245,7 @@ def simulate(
 
     def prepared(sharper: float = 1.0) -> tuple[_Steps, int]:
         make, n, at_first = runs_of(system, end, initial, method, loads, accuracy, auto, sharper)
-        watch = None if events is None else Watch.checked(events, observed(make(1.0)))
+        watch = None if events is None else _watch_of(events, make, system)
         made = known(make, breaks, force, base, watch)
         return _Steps(made, end, breaks, at_first, want, progress), n
 
@@ -302,6 +302,10 @@ def _heard(run: Trajectory) -> Trajectory:
                 stacklevel=caller(),
             )
     return run
+
+
+def _watch_of(events: object, make: Maker, system: object) -> Watch:
+    return Watch.checked(events, observed(make(1.0)), system=system)
 
 
 def kept_by(run: Run) -> tuple[str, ...]:

@@ -496,8 +496,9 @@ class Structure:
 
         c_j is what is linear in the rate in the law of an element with a kernel.
         By Newton's method on the full matrices, dense or sparse; each root begins at a mode of the
-        stiffness that acts at its frequency. Only oscillatory roots are looked for: of the result
-        ``real`` is empty, ``n_unstable`` counts those found and ``complete`` is False.
+        stiffness that acts at its frequency. ``real`` lists the positive real roots (up to 500
+        coordinates, symmetric matrices), ``n_unstable`` counts the growing roots listed,
+        ``complete`` is False and ``region`` states what was searched.
 
         Parameters
         ----------
