@@ -245,6 +245,51 @@ class TestProny:
         assert fit.residual[0] < 5e-3
 
 
+class TestDoubts:
+    """Data that one kernel does not fit are refused, or a warning says so."""
+
+    def test_a_misfit_names_prony(self):
+        """Random materials with several transitions on one part, with noise of 1 %."""
+        for seed in range(5):
+            rng = np.random.default_rng(seed)
+            nu = np.geomspace(1e-3, 1e5, 50)
+            rates = 10 ** np.array([-2.0, 0.5, 4.0])
+            weights = rates * np.array([0.3, 0.4, 0.29]) * rng.uniform(0.9, 1, 3)
+            stiff = MODULUS * (1 - vv.PronyKernel(weights=weights, rates=rates).transform(nu))
+            noise = 1 + 0.01 * rng.standard_normal((2, nu.size))
+            data = vv.ModulusData(
+                frequencies=nu, storage=stiff.real * noise[0], loss=stiff.imag * noise[1]
+            )
+            with warnings.catch_warnings(record=True) as given:
+                warnings.simplefilter("always")
+                fit = vv.fit_kernel(data)
+            assert "far above the scatter of the data: kind='prony' leaves" in str(
+                [one.message for one in given]
+            )
+            assert max(fit.residual) > 0.1
+            assert max(vv.fit_kernel(data, kind="prony").residual) < 0.1
+
+    def test_several_temperatures_are_refused(self):
+        raw = vv.read_dma(DATA / "pyvisco_freq_user_raw.csv")
+        with pytest.raises(vv.InputError, match=r"has 21 sets at .* take a master curve"):
+            vv.fit_kernel(raw)
+
+    def test_rows_out_of_order_are_not_sets(self):
+        data = made(KERNELS["rabotnov"])
+        order = np.roll(np.arange(data.frequencies.size), 9)
+        columns = {k: getattr(data, k)[order] for k in ("frequencies", "storage", "loss")}
+        with pytest.warns(vv.ConvergenceWarning, match="is read as 2 sets.*sort the rows"):
+            vv.fit_kernel(vv.ModulusData(**columns))
+
+    def test_storage_and_loss_exchanged(self):
+        data = made(KERNELS["rabotnov"])
+        swapped = vv.ModulusData(frequencies=data.frequencies, storage=data.loss, loss=data.storage)
+        with warnings.catch_warnings(record=True) as given:
+            warnings.simplefilter("always")
+            vv.fit_kernel(swapped)
+        assert "storage and loss exchanged" in str([one.message for one in given])
+
+
 class TestPropagate:
     """From the fit's uncertainty to the answer's."""
 

@@ -1,5 +1,6 @@
 """Master curves: factors given back, their uncertainty, laws, what is refused."""
 
+import warnings
 from pathlib import Path
 
 import numpy as np
@@ -208,3 +209,33 @@ def test_pictures():
     assert len(master.plot(law=LAW)) == 2
     assert vv.plot_nomogram(master).get_ylabel() == "E (Pa)"
     plt.close("all")
+
+
+def test_free_lifts_are_as_sure_as_they_say():
+    """Random rubbers whose moduli follow the absolute temperature, by storage alone."""
+    off = []
+    for seed in range(24):
+        rng = np.random.default_rng(seed)
+        law = vv.WLF(reference=20.0, c1=rng.uniform(5, 12), c2=rng.uniform(60, 150))
+        beta = np.exp(rng.uniform(0, 3))
+        kernel = vv.RabotnovKernel(
+            amplitude=beta * rng.uniform(0.7, 0.99), alpha=rng.uniform(0.3, 0.7), beta=beta
+        )
+        rubber = vv.ThermalKernel(kernel=kernel, shift=law)
+        warm, nu = 20 + rng.uniform(5, 9) * np.arange(-2, 3), np.geomspace(0.3, 300, 15)
+        stiff = np.concatenate(
+            [1e6 * (t + 273.15) / 293.15 * (1 - rubber.at(t).transform(nu)) for t in warm]
+        )
+        noise = 1 + 0.01 * rng.standard_normal((2, stiff.size))
+        data = vv.ModulusData(
+            frequencies=np.tile(nu, 5), storage=stiff.real * noise[0], loss=stiff.imag * noise[1],
+            temperature=np.repeat(warm, 15),
+        )  # fmt: skip
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", vv.ConvergenceWarning)
+            master = vv.master_curve(data, reference=20.0, vertical="free")
+        others = np.arange(5) != 2
+        errors = master.decades - law.log10(warm)
+        off.append(np.abs(errors[others] / master.uncertainty[others]).max())
+    assert np.max(off) < 3
+    assert np.median(off) > 0.4

@@ -10,7 +10,7 @@ import numpy as np
 from viscovib import _native
 from viscovib._native import FloatArray
 from viscovib.common.parameters import Flag, Number
-from viscovib.errors import ConvergenceWarning, InputError
+from viscovib.errors import ConvergenceWarning, InputError, caller
 from viscovib.kernels.time_temperature import ShiftLaw
 from viscovib.rubber.data import CreepData, ModulusData, RelaxationData
 from viscovib.rubber.fit import KernelFit, Optimum
@@ -30,6 +30,10 @@ _NOISE = 0.15
 _PASSES, _SETTLED = 12, 1e-10
 #: An instantaneous modulus so far beyond the largest one measured is told.
 _BEYOND = 1.6
+#: Residuals that are far above those of a Prony series: at least, and so many times.
+_MISFIT, _FAR_ABOVE = 0.05, 2.5
+#: Sets whose temperatures differ by less (K) are at one temperature.
+_ONE_TEMPERATURE = 1.0
 _ALLOW, _MODULUS = Flag("allow_creep"), Number("modulus", above=0)
 
 
@@ -80,11 +84,17 @@ def fit_kernel(
     -------
     KernelFit
 
+    Raises
+    ------
+    InputError
+        For sets at several temperatures, which need a master curve first.
+
     Warns
     -----
     ConvergenceWarning
         For parameters that the data do not constrain, which are NaN in ``parameters``; for an
-        instantaneous modulus far beyond the data.
+        instantaneous modulus far beyond the data; for residuals far above those of a Prony series;
+        for rows that are read as several sets.
 
     Examples
     --------
@@ -103,6 +113,7 @@ def fit_kernel(
         data = data.data
     if law is not None:
         _native.check_instance("shift", law, ShiftLaw)
+    _check_sets(data)
     shares = SHARE.check(storage_weight), LOSS_SHARE.check(loss_weight)
     if not any(shares):
         raise InputError("storage_weight, loss_weight: must not both be 0")
@@ -125,7 +136,64 @@ def fit_kernel(
             f"data: {measured.count} numbers do not determine {model.size} parameters, must be more"
         )
     ends = _search(model, measured)
-    return _result(model, measured, ends, weights, law, str(kind))
+    fit = _result(model, measured, ends, weights, law, str(kind))
+    _warn_of_misfit(fit, data, given, weights)
+    return fit
+
+
+def _check_sets(data: ModulusData | RelaxationData | CreepData) -> None:
+    """Refuse sets at several temperatures; warn of several sets at one."""
+    sets = data.sets()
+    if len(sets) == 1:
+        return
+    if data.temperature is not None:
+        means = [float(np.mean(np.asarray(one.temperature))) for one in sets]
+        low, high = min(means), max(means)
+        if high - low > _ONE_TEMPERATURE:
+            raise InputError(
+                f"data: has {len(sets)} sets at {low:.4g} to {high:.4g} deg C, must have one "
+                "temperature: take a master curve (master_curve), or data.sets()[i]"
+            )
+    over = "frequencies" if isinstance(data, ModulusData) else "times"
+    warnings.warn(
+        f"data: is read as {len(sets)} sets, which are fitted at once; of one sweep whose rows are "
+        f"out of order, sort the rows by their {over}",
+        ConvergenceWarning,
+        stacklevel=caller(),
+    )
+
+
+def _warn_of_misfit(fit: ParametricFit, data: Any, given: float | None, weights: str) -> None:
+    """Warn of residuals far above those of a Prony series, which show the scatter of the data."""
+    if isinstance(data, CreepData):
+        return
+    counted = [True, False]
+    if isinstance(data, ModulusData):
+        n = fit.measured.log_rates.size
+        counted = [bool(part.any()) for part in np.split(fit.measured.shares > 0, [n])]
+    own = [r for r, does in zip(fit.residual, counted, strict=True) if does]
+    if not max(own) > _MISFIT:
+        return
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ConvergenceWarning)
+        series = fit_prony(data, fit.measured, given, "auto", 0.0, weights, None)
+    best = [r for r, does in zip(series.residual, counted, strict=True) if does]
+    pairs = list(zip(own, best, strict=True))
+    if any(a > _MISFIT and a > _FAR_ABOVE * b for a, b in pairs) and max(best) < max(own):
+        left, other = (" and ".join(f"{100 * r:.2g} %" for r in found) for found in (own, best))
+        warnings.warn(
+            f"the residuals of kind = {fit.kind!r}, {left}, are far above the scatter of the data: "
+            f"kind='prony' leaves {other}",
+            ConvergenceWarning,
+            stacklevel=caller(),
+        )
+    elif isinstance(data, ModulusData) and all(counted) and min(best) > _NOISE:
+        warnings.warn(
+            f"residuals of {100 * own[0]:.2g} % and {100 * own[1]:.2g} %, which no relaxing "
+            "material leaves: are storage and loss exchanged? See kramers_kronig(data)",
+            ConvergenceWarning,
+            stacklevel=caller(),
+        )
 
 
 def _kinds(kind: str | Sequence[str]) -> tuple[str, ...]:
@@ -291,7 +359,7 @@ def _result(
     weights: str,
     law: ShiftLaw | None,
     kind: str,
-) -> KernelFit:
+) -> ParametricFit:
     theta, used = ends[0][1], "data"
     residual = (measured.predicted(model, theta) - measured.target) * measured.scale(
         model, theta, "data"

@@ -22,7 +22,15 @@ from viscovib.errors import ConvergenceWarning, InputError
 from viscovib.kernels.time_temperature import KELVIN, ShiftLaw
 from viscovib.rubber.data import ModulusData, RelaxationData
 from viscovib.rubber.shift_fit import ShiftFit, ShiftTable, bounded, fit_shift_law
-from viscovib.rubber.superposition import KNOTS, Curves, flatness, neighbours, scatter_of, superpose
+from viscovib.rubber.superposition import (
+    KNOTS,
+    Curves,
+    Ties,
+    flatness,
+    neighbours,
+    scatter_of,
+    superpose,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -53,7 +61,8 @@ class MasterCurve(Result):
         Degrees Celsius.
     temperatures, decades, uncertainty : ndarray, shape (n,)
         Of each set, from cold to warm: its mean temperature, log10(a_T), and the standard
-        uncertainty of that relative to the reference.
+        uncertainty of that relative to the reference. With ``vertical="free"`` by one part the
+        distance to the factors by both parts counts.
     vertical : ndarray, shape (n,)
         b_T: measured moduli were divided by it. At T the modulus is b_T times that of a fit.
     overlap : ndarray, shape (n-1,)
@@ -221,6 +230,8 @@ def master_curve(
             turn @ superpose(flat, ties, vertical == "free", knots)[0] for knots in _OTHER_KNOTS
         ]
         spread = np.hypot(spread, np.ptp([own, *others], axis=0) / 2)
+        if vertical == "free":
+            spread = np.hypot(spread, _other_parts(sets, by, ties, turn, own))
         spread = np.hypot(spread, flatness(flat, turn, scatter_of(flat, own)))
         spread = np.hypot(spread, doubt)
     if factors is not None:
@@ -248,6 +259,21 @@ def master_curve(
         loss_scatter=_loss_scatter(sets, own, b),
         data=merged,
     )
+
+
+def _other_parts(
+    sets: "Sequence[ModulusData | RelaxationData]", by: str, ties: Ties, turn: FloatArray,
+    own: FloatArray,
+) -> FloatArray:  # fmt: skip
+    """Distance to the factors by storage and loss together.
+
+    Where a modulus is nearly a power of frequency, one part does not tell a shift from a lift.
+    """
+    if by == "both" or not isinstance(sets[0], ModulusData):
+        return np.zeros_like(own)
+    if any(np.min(one.loss) <= 0 for one in sets):  # type: ignore[union-attr]
+        return np.zeros_like(own)
+    return np.abs(turn @ superpose(_curves(sets, "both"), ties, True, KNOTS)[0] - own)
 
 
 def _checked_sets(
