@@ -97,26 +97,27 @@ def test_motions_at_folds_are_exact():
 
         along_nu = vv.trace_response(system, (0.5, 2.5), load=load, **kept)
         along_load = vv.trace_response(system, nu=nu, load=1, load_range=(0.01, 5), **kept)
+
+        def by_z(z, nu, load_squared=load_squared):
+            return mpmath.diff(load_squared, (z, nu), (1, 0))
+
+        def along_both(z, at, load=load, load_squared=load_squared, by_z=by_z):
+            return load_squared(z, at) - load**2, by_z(z, at)
+
+        def along_z(z, nu=nu, by_z=by_z):
+            return by_z(z, nu)
+
         with mpmath.workdps(30):
             for branch in (along_nu, along_load):
                 for at, motion in zip(branch.folds, branch.fold_coefficients, strict=True):
                     z = abs(motion[0, 0]) ** 2
                     if branch is along_nu:
-                        root = mpmath.findroot(
-                            lambda z, nu: (
-                                load_squared(z, nu) - load**2,
-                                mpmath.diff(load_squared, (z, nu), (1, 0)),
-                            ),
-                            (z, at),
-                        )
-                        exact = root[1]
+                        z, exact = mpmath.findroot(along_both, (z, at))
                     else:
-                        root = [
-                            mpmath.findroot(lambda z: mpmath.diff(load_squared, (z, nu), (1, 0)), z)
-                        ]
-                        exact = mpmath.sqrt(load_squared(root[0], nu))
+                        z = mpmath.findroot(along_z, z)
+                        exact = mpmath.sqrt(load_squared(z, nu))
                     assert abs(at / exact - 1) < 1e-14 / c, seed
-                    assert abs(abs(motion[0, 0]) / mpmath.sqrt(root[0]) - 1) < 1e-14 / c, seed
+                    assert abs(abs(motion[0, 0]) / mpmath.sqrt(z) - 1) < 1e-14 / c, seed
                     judged += 1
     assert judged > 60
 

@@ -289,8 +289,9 @@ def _branch(
     (
         n, ended, n_used, p, iterations, error, off, kept, truncation, missed, coefficients,
         is_stop, n_folds, folds, fold_errors, fold_coefficients, fold_coefficient_errors, n_branch,
-        branch_p, branch_errors, branch_x, across, branch_before, judged, growing, multipliers, exponents, n_crossings,
-        kinds, before, where, crossing_errors, crossing_coefficients, allowed,
+        branch_p, branch_errors, branch_x, across, branch_before, judged, growing, multipliers,
+        exponents, n_crossings, kinds, before, where, crossing_errors, crossing_coefficients,
+        allowed,
     ) = found  # fmt: skip
     system, way, view, orders = shown.system, shown.way, shown.view, shown.orders
     stability: Stability | None = None
