@@ -30,13 +30,14 @@ module viscovib_curve_branch
   !> Steps in units of the present point, at first and at least; where the equations
   !! end, steps this short are enough.
   real(wp), parameter :: first_step = 0.01_wp, smallest_step = 1.0e-9_wp, edge_step = 1.0e-5_wp
-  !> The determinant may change its sign over a step this long.
+  !> Over a longer step than that a change of sign of the determinant may be another branch.
   real(wp), parameter :: careful_step = 0.01_wp
   !> How far a point may lie off its prediction, as a part of each order of the motion, and how
   !! far it is wanted to lie, which goes with the fourth power of the step.
   real(wp), parameter :: most_surprise = 0.3_wp, wanted_surprise = 0.2_wp
-  !> How far p may be off its prediction, as a part of its changes.
-  real(wp), parameter :: most_drift = 0.5_wp
+  !> How far p may be off its prediction, as a part of its changes, and a group of unknowns that
+  !! vanishes from where its tangents lead, as a part of it.
+  real(wp), parameter :: most_drift = 0.5_wp, most_bend = 0.3_wp
   !> What the unknowns left out push is rounding where it is no more than so many times that.
   real(wp), parameter :: as_rounding = 8.0_wp
 
@@ -219,17 +220,16 @@ contains
     end if
   end subroutine make_step
 
-  !> Whether the point reached is the one meant, as far as tangent, prediction and determinant tell.
+  !> True if tangent, prediction and determinant are those of the point meant.
   logical function is_on_course(f, branch) result(it_is)
     type(follower_type), intent(inout) :: f
     type(curve_branch_type), intent(in) :: branch
-    real(wp) :: drift
+    real(wp) :: drift, bend
     f%angle = angle_between(f%corrector, f%here, f%next)
-    call compare(f%curve, f%corrector, f%here, f%step, f%next, f%off, drift)
+    call compare(f%curve, f%corrector, f%here, f%step, f%next, f%off, drift, bend)
     it_is = f%step <= 1.0e3_wp*smallest_step .or. .not. ( &
             f%angle > 4.0_wp*f%options%angle .or. f%off > most_surprise &
-            .or. (drift > most_drift .and. .not. leaving(f, branch)))
-    ! A long step may have met another branch, which the determinant tells.
+            .or. ((bend > most_bend .or. drift > most_drift) .and. .not. leaving(f, branch)))
     if (f%step > careful_step) it_is = it_is .and. .not. sign_changes(f, branch)
   end function is_on_course
 

@@ -37,6 +37,8 @@ module viscovib_curve_corrector
   real(wp), parameter :: shrinking = 0.7_wp, small_enough = 1.0e-6_wp
   !> Those smaller than the first part may surprise more: high orders are powers of the low ones.
   real(wp), parameter :: minor = 1.0e-2_wp, lenience = 1.0_wp/3.0_wp
+  !> A group vanishes if a step leaves this part of it.
+  real(wp), parameter :: vanished = 1.0e-3_wp
   !> Cosine of the angle that a motion as a whole may turn by within a step.
   real(wp), parameter :: least_alike = 0.5_wp
   !> Pivots in so wide a range may let rounding move a solution by more than the tolerance.
@@ -382,17 +384,21 @@ contains
   !! changes at both ends. Both are small on the way along a curve. The former is of order 1
   !! where a step has met another part of it. Straight through rest a prediction may lead from
   !! one flank of a resonance to the other, over a pole as narrow as damping is light: there the
-  !! motion as a whole is turned round, or p goes back although it rises at both ends.
-  pure subroutine compare(curve, c, here, step, next, surprise, drift)
+  !! motion as a whole is turned round, or p goes back although it rises at both ends. `bend` is how
+  !! far a group that vanishes alone is from where the mean of its tangents at both ends leads, as a
+  !! part of the group: near 1/2 or more where a branch of broken symmetry ends on the symmetric one
+  !! and the step has met the latter, on which that group is 0 and has no tangent.
+  pure subroutine compare(curve, c, here, step, next, surprise, drift, bend)
     class(curve_type), intent(in) :: curve
     type(corrector_type), intent(in) :: c
     type(curve_point), intent(in) :: here, next
     real(wp), intent(in) :: step
-    real(wp), intent(out) :: surprise, drift
-    real(wp) :: off, largest, unit, size_here, size_next, total, total_here, alike
+    real(wp), intent(out) :: surprise, drift, bend
+    real(wp) :: off, largest, unit, size_here, size_next, total, total_here, alike, jump
     integer :: first, last, g, i
 
     surprise = 0.0_wp
+    bend = 0.0_wp
     drift = 0.0_wp
     if (.not. allocated(curve%last_of_group)) return
     total = 0.0_wp
@@ -408,9 +414,12 @@ contains
     do g = 1, size(curve%last_of_group)
       last = curve%last_of_group(g)
       off = 0.0_wp
+      jump = 0.0_wp
       size_here = 0.0_wp
       size_next = 0.0_wp
       do i = first, last
+        jump = jump + (next%x(i) - here%x(i) &
+                       - 0.5_wp*step*(here%slope_x(i) + next%slope_x(i)))**2
         off = off + (next%x(i) - c%predicted(i))**2
         size_here = size_here + here%x(i)**2
         size_next = size_next + next%x(i)**2
@@ -420,11 +429,15 @@ contains
       if (.not. size_here > 0.0_wp) cycle
       unit = total/c%weights(last)
       largest = max(size_here, size_next)
+      if (size_next < vanished**2*size_here .and. total > 0.5_wp*total_here) then
+        bend = max(bend, jump/max(largest, curve%negligible**2*unit))
+      end if
       off = off/max(largest, curve%negligible**2*unit)
       if (largest < minor**2*unit) off = lenience**2*off
       surprise = max(surprise, off)
     end do
     surprise = sqrt(surprise)
+    bend = sqrt(bend)
     drift = abs(next%p - c%predicted(c%n + 1)) &
             /max(step*max(abs(here%slope_p), abs(next%slope_p)), &
                  10.0_wp*c%tolerance*max(abs(next%p), 0.1_wp*c%p_scale))

@@ -864,3 +864,27 @@ def test_a_wrong_angle_is_refused(angle):
 def test_a_wrong_number_of_folds_is_refused(most):
     with pytest.raises(vv.InputError, match=f"max_folds = {most}: must be"):
         vv.trace_response(damped(), (0.5, 1), load=0.5, max_folds=most)
+
+
+@pytest.mark.filterwarnings("ignore::viscovib.ConvergenceWarning")
+@pytest.mark.parametrize(
+    ("nu", "damping", "cubic"),
+    [
+        (0.908, 0.12, 1.1),
+        (0.6177359431843465, 0.21937430477979397, 1.4607874444371338),
+        (0.6206147803913347, 0.23155908169422354, 0.9393294842112621),
+        (0.9598683360914125, 0.23346884311712504, 1.0667415582417452),
+        (0.5786129832905695, 0.16563438742559008, 0.8272560242307373),
+    ],
+)
+def test_branches_of_broken_symmetry_do_not_jump_to_the_symmetric_one(nu, damping, cubic):
+    """Such a branch has the symmetry at its ends alone."""
+    system = vv.PolynomialSystem(mass=1, stiffness=1, damping=damping, forces=f"{cubic}*x^3")
+    along = {"nu": nu, "load": 1, "load_range": (0.05, 20), "symmetric": False, "stability": False}
+    main = vv.trace_response(system, **along)
+    assert main.branch_points
+    for point in main.branch_points:
+        left = vv.trace_response(system, **along, leave=point)
+        sizes = np.abs(left.coefficients[:, 0, left.harmonics % 2 == 0]).max(axis=1)
+        assert left.nu.size > 4
+        assert (sizes[1:] > 1e-6).all(), point.parameter
