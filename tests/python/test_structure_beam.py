@@ -27,12 +27,12 @@ def beam_matrices(
         part = slice(2 * i, 2 * i + 4)
         stiffness[part, part] += young * inertia / h**3 * (k + np.triu(k, 1).T)
         mass[part, part] += density * area * h / 420 * (m + np.triu(m, 1).T)
-    return mass[2:, 2:], stiffness[2:, 2:]
+    return mass, stiffness
 
 
 @pytest.fixture(scope="module")
 def beam() -> vv.Structure:
-    mass, stiffness = beam_matrices(20, 0.7, 0.014, 2.05e11, 7800)
+    mass, stiffness = (m[2:, 2:] for m in beam_matrices(20, 0.7, 0.014, 2.05e11, 7800))
     names = [f"{kind}{i}" for i in range(1, 21) for kind in ("w", "r")]
     return vv.Structure(
         mass=mass, stiffness=stiffness, names=names, modal_damping=0.01,
@@ -59,3 +59,25 @@ def test_folds_and_motions(beam: vv.Structure) -> None:
 def test_plan_says_what_was_condensed(beam: vv.Structure) -> None:
     plan = vv.plan_response(beam, [200.0], load={"w20": 1.0}, method="newton")
     assert "40 coordinates condensed to 1 deflection by 40 real modes" in plan["computes"]
+
+
+@pytest.mark.parametrize("elements", [1, 2, 4, 7])
+def test_base_motion_with_a_consistent_mass(elements: int) -> None:
+    """With the load -M_fs a: rows of the free coordinates of the whole beam by NumPy."""
+    rng = np.random.default_rng(elements)
+    mass, stiffness = beam_matrices(elements, rng.uniform(0.3, 2), 0.01, 2.1e11, 7800)
+    mass[-2, -2] += rng.uniform(0, 0.5)
+    up = np.tile([1.0, 0.0], elements)
+    eta, y = 0.02, 1e-3
+    whole = stiffness * (1 + 1j * eta)
+    rod = vv.Structure(
+        mass=mass[2:, 2:], stiffness=stiffness[2:, 2:], loss_factor=eta, base_direction=up
+    )
+    nu_1 = np.sqrt(np.linalg.eigvals(np.linalg.solve(mass[2:, 2:], stiffness[2:, 2:])).real.min())
+    for nu in nu_1 * rng.uniform(0.3, 4, 4):
+        dynamic = whole - nu**2 * mass
+        true = np.abs(np.linalg.solve(dynamic[2:, 2:], -dynamic[2:, 0] * y))
+        load = nu**2 * mass[2:, 0] * y
+        found = vv.forced_response(rod, [nu], base=y, load=load, method="linear")
+        got = np.abs(found.coefficients[0, :, 0])
+        np.testing.assert_allclose(got, true, rtol=1e-8, atol=1e-9 * true.max())

@@ -151,9 +151,9 @@ def basins(
         As for `simulate_ensemble`.
     starts : mapping of two names to array_like
         {"x": values, "x_dot": values}: coordinates or velocities and their starts, x and y. A
-        start is the state at t = 0, before which nothing was: no force remembers anything, a
-        slider is not stretched. Where forces remember, the map is this cut of what leads to an
-        attractor.
+        start is the state at t = 0 without a past: no kernel has relaxed, and sliders follow their
+        first loading from the undeformed position to the start. Where forces remember, the map is
+        this cut of what leads to an attractor.
     n_periods : int
         Length of the runs in periods of the load, more than twice ``max_period``.
     t_end : float

@@ -111,7 +111,9 @@ def forced_response(
         Of an oscillator: displacement of the supports (of a mount: in x, m), likewise, along the
         ``base_direction`` of the system. Of a `PolynomialSystem` or a `Body` also a vector over its
         coordinates (of a body x, y, z, rx, ry, rz), or amplitudes by their names: each its own. The
-        response stays absolute. Viscous damping acts on the motion relative to the base.
+        response stays absolute. Viscous damping acts on the motion relative to the base. A mass
+        matrix that couples coordinates to the supports (block M_fs, as of consistent finite
+        elements) needs the load -M_fs a too, a being the acceleration of the supports.
     p1, p2, p3, f0, m01, m02 : array_like, shape (n,)
         Of a pendulum, instead of ``nu``: values of one of them in place of its own. Without any a
         single motion is computed.

@@ -75,8 +75,8 @@ def fit_kernel(
     shift : ShiftLaw, optional
         How the kernel follows temperature; of a master curve its own factors if none is given.
     terms : {"auto"} or int
-        Of prony kernels: terms a decade of the spectrum; "auto" takes that with the smallest
-        information criterion (Schwarz).
+        Of prony kernels: number of terms over the whole range of the data; "auto" tries 0.5 to 4
+        terms per decade and takes the density with the smallest information criterion (Schwarz).
     smooth : {"L-curve"} or float
         Of prony kernels: weight of the second differences of the spectrum beside the residuals.
 

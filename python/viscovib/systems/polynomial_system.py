@@ -78,7 +78,8 @@ class PolynomialSystem:
         Their units; default "m".
     base_direction : array_like, shape (n,), optional
         How the coordinates move with the base without deforming a spring, such as ones for a
-        chain of masses; None: the base is fixed.
+        chain of masses; None: the base is fixed. If the mass couples coordinates to the supports by
+        a block M_fs, add the load -M_fs a, a being the acceleration of the supports.
     parameters : mapping of str to float, optional
         Numbers that forces name, those of ``springs`` too; each may vary along a branch
         (``vary="k3"``).

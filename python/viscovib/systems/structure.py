@@ -100,7 +100,9 @@ class Structure:
     names, units : sequence of str, optional
         Of the coordinates; default "x1", "x2", ..., and "m".
     base_direction : array_like, shape (n,), optional
-        How the coordinates move with the base without deforming a spring; None: it is fixed.
+        How the coordinates move with the base without deforming a spring; None: it is fixed. If
+        the mass couples coordinates to the supports by a block M_fs, add the load -M_fs a, a being
+        the acceleration of the supports.
 
     Examples
     --------
