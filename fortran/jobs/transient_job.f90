@@ -163,7 +163,7 @@ contains
       return
     end if
     call fail(status, status_input_error, 'tolerance', told(job)//': not met with ' &
-              //show(n*factor)//' steps (states still change by '//show(change)//'): ' &
+              //show(n*factor)//' steps ('//told_change(change)//'): ' &
               //cause(job, trajectory, change))
 
   contains
@@ -265,6 +265,12 @@ contains
     allowed = job%allowed_at_stop(fine)
     if (fine%outcome == run_completed) allowed = job%allowed(fine%states)
     if (all(growth%grown <= allowed)) return
+    if (.not. all(growth%grown < huge(1.0_wp))) then
+      call fail(status, status_input_error, 'tolerance', told(job)//': not met: with numbers of ' &
+                //'the system changed by rounding errors the run ends differently: the motion is ' &
+                //'chaotic or unstable, take a shorter run or a larger tolerance')
+      return
+    end if
     if (fine%outcome == run_event) then
       call fail(status, status_input_error, 'tolerance', told(job)//': not met: roundings leave ' &
                 //'an error of '//show(growth%told)//' of the event that ends the run at t = ' &
@@ -278,6 +284,14 @@ contains
               //show(fine%t_reached)//', which leaves an error of '//show(maxval(growth%grown)) &
               //': the motion is chaotic or unstable, take a shorter run or a larger tolerance')
   end subroutine look_at_growth
+
+  !> How far runs with different step sizes differ, in words.
+  pure function told_change(change)
+    real(wp), intent(in) :: change
+    character(len=:), allocatable :: told_change
+    told_change = 'runs with different step sizes end differently'
+    if (change < huge(1.0_wp)) told_change = 'states still change by '//show(change)
+  end function told_change
 
   !> By how much two runs that keep the last state alone differ on the way, where that tells that
   !! they are not one motion, else 0: those that pass through chaos may end alike by chance.

@@ -316,3 +316,20 @@ def test_a_spectrum_of_states_too_far_apart(solve, tmp_path, every, aliased):
     first, second = (x["x_amplitude"] * np.exp(1j * x["x_phase"]) for x in lines)
     assert np.abs(first - second).max() < 1e-14
     assert main(["run", str(scene), "--out", str(tmp_path / "cli"), "--quiet"]) == int(aliased)
+
+
+def test_no_message_prints_a_number_that_was_not_measured(solve, tmp_path):
+    """Runs that end differently differ by no number."""
+    scene = tmp_path / "scene.nml"
+    scene.write_text(
+        "&system coordinates='x', mass=1, stiffness=1 /\n"
+        "&kernel kind='prony', weights=0.1, rates=1 /\n"
+        "&force law='x^3', kernel=0 /\n&spring stiffness=1, kernel=1 /\n"
+        "&load amplitude=1e12 /\n&transient initial=0 0, nu=1, t_end=3 /\n"
+    )
+    done = solve(scene, "--out", tmp_path)
+    assert done.returncode == 2
+    said = "not met with 2048 steps (runs with different step sizes end differently): the run is"
+    assert said in done.stderr
+    with pytest.raises(vv.InputError, match=re.escape(said)):
+        vv.run(scene)

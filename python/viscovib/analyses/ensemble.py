@@ -586,8 +586,8 @@ def _refine(
             return _with_steps_told(coarse, fine), n * factor, error, beside
         changes_so_far.append(change)
         coarse, before = fine, after
+    told = f"still changes by {change:.1e}" if math.isfinite(change) else "fails"
     raise InputError(
-        f"{wanted}: not met with {n * factor} steps (run {worst} still changes by "
-        f"{change:.1e} or fails); that motion may be chaotic: give dt, or take a shorter run or a "
-        "larger tolerance"
+        f"{wanted}: not met with {n * factor} steps (run {worst} {told}); that motion may be "
+        "chaotic: give dt, or take a shorter run or a larger tolerance"
     )

@@ -173,7 +173,7 @@ def by_tolerance(
             factor = _seeing(fine, factor, n, want)
             coarse = make(factor, parts)
     raise NotMetError(
-        f"{want}: not met with {n * factor} steps (states still change by {changes[-1]:.1e}): "
+        f"{want}: not met with {n * factor} steps ({_told_change(changes[-1])}): "
         f"{reason(told_in_one_way(before, ends), ends, want)}"
     )
 
@@ -194,7 +194,20 @@ def _size(run: Trajectory) -> float:
     return float(np.abs(run.state).max(initial=0.0))
 
 
+def _told_change(change: float) -> str:
+    """How far runs with different step sizes differ, in words."""
+    if math.isfinite(change):
+        return f"states still change by {change:.1e}"
+    return "runs with different step sizes end differently"
+
+
 def _told_grown(want: Accuracy, run: Trajectory, grown: float) -> str:
+    if not math.isfinite(grown):
+        return (
+            f"{want}: not met: with numbers of the system changed by rounding errors the run ends "
+            "differently: the motion is chaotic or unstable, take a shorter run or a larger "
+            "tolerance"
+        )
     if run.outcome == "event":
         return (
             f"{want}: not met: roundings leave an error of {grown:.1e} of the event that ends the "
