@@ -5,6 +5,7 @@ module viscovib_motion_groups
   use viscovib_group_reader, only: group_reader
   use viscovib_hereditary_job, only: hereditary_job, hereditary_methods, past_names
   use viscovib_kinds, only: wp
+  use viscovib_limits, only: largest_start
   use viscovib_load, only: load_type
   use viscovib_method_catalogue, only: transient_methods
   use viscovib_motion_job, only: spectrum_job
@@ -35,6 +36,7 @@ contains
     start = 0.0_wp
     start(1::2) = job%held
     job%initial = reader%read_reals('initial', 2*n_dof, start)
+    call check_start(reader, job%initial)
     job%t_end = reader%read_real('t_end')
     job%dt = reader%read_real('dt', 0.0_wp)
     call read_accuracy(reader, job)
@@ -88,6 +90,7 @@ contains
     else
       job%initial = reader%read_reals('initial', 2*(system%n_dof - system%n_hidden))
     end if
+    call check_start(reader, job%initial)
     job%t_end = reader%read_real('t_end')
     job%dt = reader%read_real('dt', 0.0_wp)
     call read_accuracy(reader, job)
@@ -135,6 +138,18 @@ contains
                            //"with keep = 'last'")
     end if
   end subroutine read_keep
+
+  !> Refuse a start beyond the range of motions.
+  subroutine check_start(reader, initial)
+    type(group_reader), intent(inout) :: reader
+    real(wp), intent(in) :: initial(:)
+    if (reader%status%failed()) return
+    if (maxval(abs(initial(1::2))) > largest_start) then
+      call reader%complain('initial', 'initial: has a displacement of ' &
+                           //show(maxval(abs(initial(1::2))))//', must be at most ' &
+                           //show(largest_start)//': choose other units')
+    end if
+  end subroutine check_start
 
   subroutine read_spectrum(reader, transient, job)
     type(group_reader), intent(inout) :: reader

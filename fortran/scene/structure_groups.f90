@@ -6,6 +6,7 @@ module viscovib_structure_groups
   use viscovib_kernel_groups, only: read_system_kernels
   use viscovib_kernel_holder, only: kernel_holder
   use viscovib_kinds, only: wp
+  use viscovib_limits, only: least_mass
   use viscovib_layer_groups, only: finish_layer
   use viscovib_law_faults, only: complain_of_law, told_sign
   use viscovib_law_functions, only: wall
@@ -377,6 +378,11 @@ contains
     l = 0.0_wp
     do j = 1, size(mass, 1)
       if (.not. any(abs(mass(:, j)) > 0.0_wp)) cycle
+      if (mass(j, j) > 0.0_wp .and. mass(j, j) < least_mass) then
+        call reader%complain('mass', 'mass: has '//show(mass(j, j))//' in row '//show(j) &
+                             //', must be 0 or at least '//show(least_mass)//': choose other units')
+        return
+      end if
       pivot = mass(j, j) - sum(l(j, :j - 1)**2)
       if (.not. pivot > 0.0_wp .or. .not. is_symmetric(mass)) then
         call reader%complain('mass', 'mass: must be symmetric and positive definite, but for ' &

@@ -9,6 +9,7 @@ module viscovib_mount
   use viscovib_jet, only: cosine, jet_type, operator(*), operator(+), operator(-), sine
   use viscovib_kernel_holder, only: copy_kernels, kernel_holder
   use viscovib_kinds, only: wp
+  use viscovib_limits, only: least_mass
   use viscovib_oscillator, only: oscillator_type
   use viscovib_status, only: fail, show, status_input_error, status_type
   implicit none
@@ -111,6 +112,14 @@ contains
     call check_positive('mass', parameters%mass, status)
     if (status%failed()) return
     call check_positive('inertia', parameters%inertia, status)
+    if (status%failed()) return
+    if (parameters%mass < least_mass) then
+      call fail(status, status_input_error, 'mass', 'mass = '//show(parameters%mass) &
+                //': must be at least '//show(least_mass)//': choose other units')
+    else if (parameters%inertia < least_mass) then
+      call fail(status, status_input_error, 'inertia', 'inertia = '//show(parameters%inertia) &
+                //': must be at least '//show(least_mass)//': choose other units')
+    end if
     if (status%failed()) return
     call check_finite('offset', parameters%offset, status)
     if (status%failed()) return

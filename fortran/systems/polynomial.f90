@@ -13,6 +13,7 @@ module viscovib_polynomial
   use viscovib_counters, only: count_up, counted_deflections, counted_monomials, counting
   use viscovib_kernel_holder, only: copy_kernels, kernel_holder
   use viscovib_kinds, only: wp
+  use viscovib_limits, only: least_mass
   use viscovib_law_term, only: add_law_slopes, add_laws, law_term, read_rates
   use viscovib_modal_frame, only: most_in_frame
   use viscovib_oscillator, only: oscillator_type
@@ -203,6 +204,11 @@ contains
     end if
     a = mass
     do k = 1, size(a, 1)
+      if (mass(k, k) > 0.0_wp .and. mass(k, k) < least_mass) then
+        call fail(status, status_input_error, 'mass', 'mass: has '//show(mass(k, k))//' in row ' &
+                  //show(k)//', must be at least '//show(least_mass)//': choose other units')
+        return
+      end if
       if (.not. a(k, k) > 4.0_wp*epsilon(1.0_wp)*mass(k, k)) then
         call fail(status, status_input_error, 'mass', wanted//', has too small a diagonal ' &
                   //show(mass(k, k))//' in row '//show(k))

@@ -1,8 +1,11 @@
 """What is told of a motion does not depend on the unit in which forces are measured."""
 
+import re
+
 import numpy as np
 import pytest
 import viscovib as vv
+from scipy.sparse import diags_array
 
 SCALES = (2.0**20, 2.0**-20)
 
@@ -49,3 +52,64 @@ def test_errors_are_the_same_in_any_unit_of_force(n):
             for scale in (1.0, SCALES[0])
         )
         assert np.median(other) < 4 * np.median(own)
+
+
+def scaled(force, length, kernel=None):
+    """A Duffing oscillator in other units of force and length, and its load and start."""
+    system = vv.PolynomialSystem(
+        mass=force / length, stiffness=force / length, damping=0.1 * force / length,
+        forces=f"{0.5 * force / length**3!r}*x^3", kernel=kernel,
+    )  # fmt: skip
+    return system, {"load": 0.3 * force, "nu": 1.0, "initial": [0.4 * length, 0]}
+
+
+@pytest.mark.parametrize("kernel", [None, vv.PronyKernel(weights=[0.1], rates=[1.0])])
+def test_units_change_no_motion_or_are_out_of_range(kernel):
+    """A system that is not refused moves as the system of ordinary units."""
+    system, given = scaled(1.0, 1.0, kernel)
+    true = vv.simulate(system, 5, rtol=1e-8, **given).state[-1]
+    for force in (1e-307, 1e-290, 1e-279, 1e-200, 1e-100, 1e100, 1e200):
+        if force < 1e-280:
+            with pytest.raises(vv.InputError, match="must be at least 1e-280: choose other units"):
+                scaled(force, 1.0, kernel)
+            continue
+        system, given = scaled(force, 1.0, kernel)
+        assert vv.simulate(system, 5, rtol=1e-8, **given).state[-1] == pytest.approx(true, rel=1e-6)
+    for length in (1e-60, 1e-30, 1e20, 1e29, 1e31, 1e50):
+        system, given = scaled(length, length, kernel)
+        if length > 1e30:
+            with pytest.raises(vv.InputError, match=r"must be at most 1e.30: choose other units"):
+                vv.simulate(system, 5, rtol=1e-8, **given)
+            continue
+        last = vv.simulate(system, 5, rtol=1e-8, **given).state[-1]
+        assert last / length == pytest.approx(true, rel=1e-6)
+
+
+@pytest.mark.parametrize(
+    "make",
+    [
+        lambda m: vv.Structure(mass=[m, 1.0], stiffness=np.eye(2)),
+        lambda m: vv.Structure(mass=diags_array([m, 1.0]), stiffness=diags_array([1.0, 1.0])),
+        lambda m: vv.Mount(mass=m, inertia=1, offset=0, stiffness_x=1, stiffness_phi=1),
+        lambda m: vv.Mount(mass=1, inertia=m, offset=0, stiffness_x=1, stiffness_phi=1),
+        lambda m: vv.PolynomialSystem(mass=[m, 1.0], stiffness=[1.0, 1.0]),
+    ],
+)
+def test_masses_that_are_too_small_for_numbers_are_refused(make):
+    make(1e-270)
+    for mass in (5e-324, 1e-308, 1e-281):
+        with pytest.raises(vv.InputError, match=r"must be (0 or )?at least 1e-280: choose other"):
+            make(mass)
+
+
+def test_scenes_refuse_what_is_out_of_range(tmp_path):
+    system = "&system coordinates='x', mass={}, stiffness=1 /\n&load amplitude=1 /\n"
+    run = "&transient initial={} 0, nu=1, t_end=3 /\n"
+    scene = tmp_path / "a.nml"
+    for mass, start, said in (
+        (1e-300, 1, "a.nml:1: mass: has 1e-300 in row 1, must be at least 1e-280"),
+        (1, 1e31, "a.nml:3: initial: has a displacement of 1e31, must be at most 1e30"),
+    ):
+        scene.write_text((system + run).format(mass, start))
+        with pytest.raises(vv.InputError, match=re.escape(said)):
+            vv.run(scene)

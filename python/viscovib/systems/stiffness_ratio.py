@@ -32,6 +32,8 @@ _ALIKE = 1e-8
 _STIFF = 1e8
 #: Part that an entry of the matrix is off by, in (1).
 _OFF = 0.3 * _EPS
+#: Smallest number with all digits.
+_TINY = float(np.finfo(float).tiny)
 #: Part of a mode's kinetic energy that a coordinate takes part with; stiffnesses that are rounding
 #: of what cancels, next to the largest.
 _PART, _NOTHING = 1e-3, 1e-30
@@ -176,8 +178,12 @@ def _spread(left: FloatArray, stiffness: Any, right: FloatArray | None = None) -
     if not largest > 0:
         return np.zeros(left.shape[1])
     entries = (stiffness / largest) ** 2
-    weights = left**2 if right is None else right**2
-    return np.asarray(largest * np.sqrt(np.sum(left**2 * (entries @ weights), axis=0)))
+    right = left if right is None else right
+    # Squares of shapes of light masses would overflow.
+    sizes = [np.maximum(abs(shapes).max(axis=0, initial=0.0), _TINY) for shapes in (left, right)]
+    squares = [(shapes / size) ** 2 for shapes, size in zip((left, right), sizes, strict=True)]
+    spread = np.sqrt(np.sum(squares[0] * (entries @ squares[1]), axis=0))
+    return np.asarray(largest * spread * sizes[0] * sizes[1])
 
 
 def _told(mode: int | None, square: float, lost: float, free: bool = False) -> str:

@@ -22,6 +22,8 @@ if TYPE_CHECKING:
 
 #: Coordinates that an element may act on in sparse matrices.
 _MANY = 2000
+#: Smallest mass: with smaller ones, products are too small for numbers and lose their digits.
+_LEAST_MASS = 1e-280
 
 
 def is_sparse(matrix: Any) -> bool:
@@ -93,12 +95,18 @@ def dense_of(matrix: Any) -> FloatArray:
 
 def check_mass(mass: Any) -> None:
     """Refuse a mass that is not symmetric or negative; rows of 0 are coordinates without mass."""
+    diagonal = mass.diagonal()
+    if ((diagonal > 0) & (diagonal < _LEAST_MASS)).any():
+        i = int(np.argmax((diagonal > 0) & (diagonal < _LEAST_MASS)))
+        raise InputError(
+            f"mass[{i}, {i}] = {diagonal[i]:g}: must be 0 or at least {_LEAST_MASS:g}: choose "
+            "other units"
+        )
     if is_sparse(mass):
         from viscovib.systems.sparse_pencil import check_mass as check_sparse_mass
 
         check_sparse_mass(mass)
         return
-    diagonal = mass.diagonal()
     if (diagonal < 0).any():
         i = int(np.argmin(diagonal))
         raise InputError(f"mass[{i}, {i}] = {diagonal[i]:g}: must not be negative")
