@@ -84,6 +84,7 @@ subroutine scene_run(path, given, folder, max_text, text, n_text, complete, stat
   !> What is to be said of it.
   character(len=1), intent(out) :: text(max_text)
   integer(c_int), intent(out) :: n_text, complete, status
+  !f2py threadsafe
   type(scene_type) :: scene
   type(scene_report) :: told
   type(status_type) :: outcome

@@ -336,6 +336,12 @@ class _Listening(threading.local):
 _listening = _Listening()
 
 
+def listen(flag: npt.NDArray[np.intc]) -> None:
+    """Let native loops of this thread, and of those it waits for, end once the flag is 1."""
+    _listening.flag = flag
+    core.listen(flag)
+
+
 def apart(work: Callable[[], _T], cancel: npt.NDArray[np.intc] | None = None) -> _T:
     """Do some work in a thread and wait for it, so that Ctrl-C is heard.
 
@@ -348,8 +354,7 @@ def apart(work: Callable[[], _T], cancel: npt.NDArray[np.intc] | None = None) ->
         flag = np.zeros(1, dtype=np.intc)
 
     def run() -> None:
-        _listening.flag = flag
-        core.listen(flag)
+        listen(flag)
         try:
             results.append(work())
         except BaseException as error:

@@ -26,7 +26,7 @@ from typing import Any
 from verdicts import BAD, GOOD
 
 #: Modules with parts.
-MODULES = ("scenes", "api", "checkpoints", "texts")
+MODULES = ("scenes", "api", "checkpoints", "texts", "varied")
 #: Seconds between two tables of a run that goes on.
 _PAUSE = 30.0
 

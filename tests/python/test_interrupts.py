@@ -102,6 +102,34 @@ def test_first_steps_with_memory_are_left(interrupted, name):
     assert threading.active_count() == before
 
 
+LONG = """&structure mass=1 2 stiffness=2 1 damping=0.1 0.1 /
+&kernel kind='rabotnov' amplitude=0.5 alpha=0.4 beta=1.5 /
+&element on='x1' law='5*max(d - 0.1, 0) + 0.3*d' kernel=1 /
+&element on='x2' law='0.2*sign(v)' kernel=0 /
+&load on='x1' amplitude=0.8 /
+&transient t_end=1e6 nu=0.9 tolerance=1e-6 /
+"""
+
+
+@pytest.mark.parametrize("way", ["run", "sweep"])
+def test_scenes_that_the_core_computes_are_left(interrupted, tmp_path, way):
+    """The core lets other threads work meanwhile, and ends."""
+    scene = tmp_path / "a.nml"
+    scene.write_text(LONG)
+    before, begun = threading.active_count(), time.monotonic()
+    if way == "run":
+        interrupted(lambda: vv.run(scene), 0.5)
+    else:
+        grid = {"transient.t_end": [1e6, 1e6 + 1]}
+        interrupted(lambda: vv.sweep(scene, grid, progress=False, n_threads=1), 0.5)
+    # Each without the other would take a minute.
+    assert time.monotonic() - begun < 5
+    until = time.monotonic() + 5
+    while threading.active_count() > before and time.monotonic() < until:
+        time.sleep(0.01)
+    assert threading.active_count() == before
+
+
 def test_long_signals_are_transformed_apart(monkeypatch):
     """The same numbers either way, and from several threads at once."""
     signal_ = np.random.default_rng(1).normal(size=4096)

@@ -102,8 +102,9 @@ def run_tables(scene: Scene, kinds: Sequence[str], plan: Plan) -> list[TableResu
     ``kinds``: their names, as in those of the files.
     """
     with TemporaryDirectory(prefix="viscovib") as folder:
-        text, length, complete = _native.call(
+        text, length, complete = _native.call_interruptibly(
             core.scene_run,
+            None,
             os.fsencode(scene.path),
             scene.canonical.encode(),
             folder.encode(),

@@ -10,6 +10,8 @@ from functools import lru_cache
 from queue import Empty, SimpleQueue
 from typing import Any, Protocol
 
+import numpy as np
+
 from viscovib import _native
 from viscovib.errors import InputError, ViscovibError
 from viscovib.sweeps.points import Array, Computed, Task, Template, compute, quiet
@@ -50,6 +52,7 @@ class Threads:
         )
         self._done: SimpleQueue[tuple[int, Computed | BaseException]] = SimpleQueue()
         self._stop = threading.Event()
+        self._flag = np.zeros(1, dtype=np.intc)
         self._threads = [threading.Thread(target=self._loop, daemon=True) for _ in range(n)]
         for thread in self._threads:
             thread.start()
@@ -66,12 +69,14 @@ class Threads:
         return i, done
 
     def close(self) -> None:
-        """Tell the threads to stop after the point they are at."""
+        """Let the threads stop: native loops end with what they have, which nobody takes."""
         self._stop.set()
+        self._flag[0] = 1
         for _ in self._threads:
             self._work.put(None)
 
     def _loop(self) -> None:
+        _native.listen(self._flag)
         while (work := self._work.get()) is not None and not self._stop.is_set():
             i, columns, template = work
             try:
