@@ -88,11 +88,11 @@ def test_units_change_no_motion_or_are_out_of_range(kernel):
 @pytest.mark.parametrize(
     "make",
     [
-        lambda m: vv.Structure(mass=[m, 1.0], stiffness=np.eye(2)),
-        lambda m: vv.Structure(mass=diags_array([m, 1.0]), stiffness=diags_array([1.0, 1.0])),
+        lambda m: vv.Structure(mass=[m, m], stiffness=m * np.eye(2)),
+        lambda m: vv.Structure(mass=diags_array([m, m]), stiffness=diags_array([m, m])),
         lambda m: vv.Mount(mass=m, inertia=1, offset=0, stiffness_x=1, stiffness_phi=1),
         lambda m: vv.Mount(mass=1, inertia=m, offset=0, stiffness_x=1, stiffness_phi=1),
-        lambda m: vv.PolynomialSystem(mass=[m, 1.0], stiffness=[1.0, 1.0]),
+        lambda m: vv.PolynomialSystem(mass=[m, m], stiffness=[m, m]),
     ],
 )
 def test_masses_that_are_too_small_for_numbers_are_refused(make):
