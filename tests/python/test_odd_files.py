@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 import viscovib as vv
 from viscovib.cli.commands import main
+from viscovib.common.files import Folder
 
 SCENE = """&mount mass=1 inertia=0.1 offset=0.5 stiffness_x=10 stiffness_phi=2 /
 &load amplitude=0.1 /
@@ -124,6 +125,25 @@ def test_a_full_disk_ends_a_sweep_with_one_line(tmp_path, capsys, monkeypatch):
         assert main(["sweep", "scene.nml", "--quiet", "--out", out]) == 0
     sweep = "scene_sweep.zarr: cannot be"
     assert files >= {f"{sweep} used", f"{sweep} written", "scene_sweep.png: cannot be written"}
+
+
+def test_a_small_file_takes_little_memory(tmp_path):
+    """As much as the file has, not as much as it may have."""
+    structure = vv.Structure(mass=[1.0], stiffness=[[1.0]])
+    structure.write(tmp_path / "a.npz")
+    structure.write(tmp_path / "b.mtx")
+    folder = Folder(tmp_path)
+    soft, most = resource.getrlimit(resource.RLIMIT_AS)
+    pages = int(Path("/proc/self/statm").read_text().split()[0])
+    bound = pages * resource.getpagesize() + (1 << 28)
+    resource.setrlimit(resource.RLIMIT_AS, (bound, most))
+    try:
+        vv.Structure.read(tmp_path / "a.npz")
+        vv.Structure.read(tmp_path / "b_mass.mtx", tmp_path / "b_stiffness.mtx")
+        assert len(folder.read("a.npz", 1 << 31)) == (tmp_path / "a.npz").stat().st_size
+    finally:
+        resource.setrlimit(resource.RLIMIT_AS, (soft, most))
+        folder.close()
 
 
 BODY = vv.Body(

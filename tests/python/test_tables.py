@@ -227,3 +227,19 @@ def test_more(tmp_path, name):
     scene = tmp_path / f"{name}.nml"
     scene.write_text(MORE[name])
     _compare(scene, tmp_path)
+
+
+@pytest.mark.parametrize("kind", ["response", "modes"])
+def test_names_of_scenes_may_be_any_bytes(tmp_path, kind):
+    """Names of files need not be UTF-8; tables then contain their bytes, as the driver writes."""
+    scene = tmp_path / os.fsdecode(b"a\xff.nml")
+    load = "&load amplitude=0.1 /\n&response nu=1 method='linear' /\n" if kind == "response" else ""
+    scene.write_text(
+        "&mount mass=1 inertia=0.1 offset=0.5 stiffness_x=10 stiffness_phi=2 /\n"
+        f"{load or '&modes /'}\n"
+    )
+    result = vv.run(vv.Scene.read(scene).override({"mount.mass": 2}))
+    assert result.value.complete
+    vv.plan(scene)
+    vv.run(scene).to_csv(tmp_path / "a.csv")
+    assert b"a\xff.nml" in (tmp_path / "a.csv").read_bytes()

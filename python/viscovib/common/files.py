@@ -38,7 +38,8 @@ def bytes_of(path: str, largest: int, what: str) -> bytes:
     """Return all of a regular file of ``largest`` bytes at most; ``what`` the file must be."""
     try:
         with regular_file(path, largest, what) as file:
-            return file.read(largest)
+            # Python takes memory for all that may be read.
+            return file.read(os.fstat(file.fileno()).st_size)
     except ValueError as error:
         if isinstance(error, FileError):
             raise
@@ -78,7 +79,7 @@ class Folder:
             flags = os.O_RDONLY | os.O_NONBLOCK | os.O_NOFOLLOW | os.O_CLOEXEC
             with open(os.open(last, flags, dir_fd=folder), "rb") as file:
                 _check_regular(file, self.path / name, largest, "smaller")
-                return file.read(largest)
+                return file.read(os.fstat(file.fileno()).st_size)
 
     def replace(self, name: str | os.PathLike[str], content: bytes) -> None:
         """Put a file in its place whole; folders are made, and a link of this name is replaced."""
@@ -155,12 +156,13 @@ def whole_file(path: str | os.PathLike[str], mode: str = "w") -> Iterator[IO[str
         raise FileError(f"path = {str(target)!r}: is not a path of a file")
     check_target(target)
     part = target.with_name(target.name + ".part")
-    encoding = None if "b" in mode else "utf-8"
+    # The name of a scene file in a table is written as the bytes that it has.
+    encoding, errors = (None, None) if "b" in mode else ("utf-8", "surrogateescape")
     with _WRITING.setdefault(target.absolute(), threading.RLock()):
         try:
             with suppress(FileNotFoundError):
                 part.unlink()
-            with open(part, mode.replace("w", "x"), encoding=encoding) as file:
+            with open(part, mode.replace("w", "x"), encoding=encoding, errors=errors) as file:
                 yield file
             os.replace(part, target)
         except OSError as error:

@@ -110,7 +110,7 @@ def run_tables(scene: Scene, kinds: Sequence[str], plan: Plan) -> list[TableResu
             folder.encode(),
             4096,
         )
-        told = bytes(text.tobytes()[:length]).decode()
+        told = os.fsdecode(bytes(text.tobytes()[:length]))
         return [
             _read(scene, kind, Path(folder), plan, complete=bool(complete), told=told)
             for kind in kinds
@@ -126,7 +126,7 @@ def _read(
     scene: Scene, kind: str, folder: Path, plan: Plan, *, complete: bool, told: str
 ) -> TableResult:
     """One of the tables."""
-    lines = _path(scene, kind, folder).read_text(encoding="utf-8").splitlines()
+    lines = _path(scene, kind, folder).read_text("utf-8", "surrogateescape").splitlines()
     notes = [line.removeprefix("# ") for line in lines if line.startswith("#")]
     title = scene.groups.get("scene", {}).get("title", "")
     known = {f"viscovib {version('viscovib')}, scene {scene.path}", title, *str(plan).splitlines()}
