@@ -7,7 +7,6 @@ to their bounds but not stay there (Jeffreys). All unknowns are within `REACH` o
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from typing import Any
 
@@ -32,36 +31,36 @@ def likely(fit: Any, count: int, rng: np.random.Generator) -> tuple[FloatArray, 
     exp(-(rise - its parabola)/2). Where few of these count, an ensemble of walkers follows.
     """
     best, slopes = fit.theta, fit._problem[2]
-    rise = _rise_of(fit)
+    rises = _rises_of(fit)
     values, vectors = np.linalg.eigh((fit.covariance + fit.covariance.T) / 2)
     away = rng.standard_normal((count, best.size)) @ (vectors * np.sqrt(np.maximum(values, 0))).T
     drawn = best + np.clip(away, -REACH, REACH)
     inside = np.abs(away).max(axis=1) <= REACH
     parabola = ((away @ slopes.T) ** 2).sum(axis=1) / fit._variance
-    gain = np.array([-(rise(x) - p) / 2 for x, p in zip(drawn, parabola, strict=True)])
+    gain = (parabola - rises(drawn)) / 2
     weights = np.where(inside, np.exp(np.minimum(gain - gain.max(), 0.0)), 0.0)
     effective = float(weights.sum() ** 2 / max((weights**2).sum(), 1e-300))
     if effective >= _NEARLY_NORMAL * count and not fit.at_bound:
         return drawn[rng.choice(count, count, p=weights / weights.sum())], effective
-    return _ensemble(fit, rise, drawn, count, rng)
+    return _ensemble(fit, rises, drawn, count, rng)
 
 
-def _rise_of(fit: Any) -> Callable[[FloatArray], float]:
+def _rises_of(fit: Any) -> Callable[[FloatArray], FloatArray]:
     factor, residual, _ = fit._problem
     least, variance = float(residual @ residual), fit._variance
 
-    def rise(theta: FloatArray) -> float:
+    def rises(thetas: FloatArray) -> FloatArray:
         with np.errstate(all="ignore"):
-            left = (fit.measured.predicted(fit.model, theta) - fit.measured.target) * factor
-            found = (float(left @ left) - least) / variance
-        return found if math.isfinite(found) else math.inf
+            said = fit.measured.predicted_of(fit.model, thetas)
+            found = ((((said - fit.measured.target) * factor) ** 2).sum(axis=1) - least) / variance
+        return np.where(np.isfinite(found), found, np.inf)
 
-    return rise
+    return rises
 
 
 def _ensemble(
     fit: Any,
-    rise: Callable[[FloatArray], float],
+    rises: Callable[[FloatArray], FloatArray],
     drawn: FloatArray,
     count: int,
     rng: np.random.Generator,
@@ -72,15 +71,14 @@ def _ensemble(
     k = middle.size
     n = 2 * max(_WALKERS * k // 2, k + 1)
 
-    def log_density(theta: FloatArray) -> float:
-        if np.abs(theta - middle).max() > REACH:
-            return -math.inf
-        return float(fit.model.log_prior(theta) - rise(theta) / 2)
+    def log_densities(thetas: FloatArray) -> FloatArray:
+        far = np.abs(thetas - middle).max(axis=1) > REACH
+        return np.where(far, -np.inf, fit.model.log_priors(thetas) - rises(thetas) / 2)
 
     spread = np.clip(drawn - fit.theta, -1.0, 1.0)
     walkers = middle + 0.1 * spread[rng.integers(len(spread), size=n)]
     walkers += 1e-3 * rng.standard_normal((n, k))
-    levels = np.array([log_density(one) for one in walkers])
+    levels = log_densities(walkers)
     rounds = -(-count // n)
     kept = np.empty((rounds, n, k))
     halves = np.arange(n).reshape(2, n // 2)
@@ -89,7 +87,7 @@ def _ensemble(
             stretch = (1 + (_STRETCH - 1) * rng.random(own.size)) ** 2 / _STRETCH
             partners = walkers[rng.choice(other, own.size)]
             moved = partners + stretch[:, np.newaxis] * (walkers[own] - partners)
-            found = np.array([log_density(one) for one in moved])
+            found = log_densities(moved)
             gain = (k - 1) * np.log(stretch) + found - levels[own]
             with np.errstate(invalid="ignore"):
                 taken = np.log(rng.random(own.size)) < gain

@@ -76,6 +76,13 @@ class Measured:
             return model.relaxation(times, self.data.ramp, theta)
         return model.compliance(times, theta)
 
+    def predicted_of(self, model: Model, thetas: FloatArray) -> FloatArray:
+        """What a model says with many unknowns (m, size), shape (m, n)."""
+        if isinstance(self.data, ModulusData):
+            values = model.moduli(self.along, thetas)
+            return np.hstack([values.real, values.imag])
+        return np.array([self.predicted(model, theta) for theta in thetas])
+
     def slopes(self, model: Model, theta: FloatArray) -> FloatArray:
         """Derivatives of `predicted`, shape (n, size)."""
         if isinstance(self.data, ModulusData):

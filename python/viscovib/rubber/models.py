@@ -92,12 +92,31 @@ class Model:
         powers = np.exp(w - top)
         return np.asarray(MOST_INTEGRAL * powers / (math.exp(-top) + powers.sum()))
 
-    def log_prior(self, theta: FloatArray) -> float:
-        """Logarithm of Jeffreys's density 1/sqrt(x (1 - x)) of alphas and parts of the integral."""
-        _, alpha, _, p = self.split(theta)
-        left = 1 - p.sum() / MOST_INTEGRAL if self.bounded else 1.0
-        factors = np.concatenate([alpha - LEAST_ALPHA, 1 - alpha, p, [left]])
-        return float(np.log(np.maximum(factors, 1e-300)).sum() / 2)
+    def splits(self, thetas: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+        """`split` of many unknowns, shape (m, size)."""
+        alphas, taus, ws = self._places
+        bounded = np.clip(thetas, -_FARTHEST, _FARTHEST)
+        modulus = np.full(len(thetas), self.modulus) if self.modulus else np.exp(bounded[:, 0])
+        alpha = LEAST_ALPHA + (1 - LEAST_ALPHA) / (1 + np.exp(-bounded[:, alphas]))
+        given = np.full(len(thetas), math.log(self.unit))
+        tau = np.exp(np.column_stack([given if i < 0 else bounded[:, i] for i in taus]))
+        w = bounded[:, ws]
+        if not self.bounded:
+            return modulus, alpha, tau, np.exp(w)
+        top = np.maximum(w.max(axis=1, keepdims=True), 0.0)
+        powers = np.exp(w - top)
+        p = MOST_INTEGRAL * powers / (np.exp(-top) + powers.sum(axis=1, keepdims=True))
+        return modulus, alpha, tau, p
+
+    def log_priors(self, thetas: FloatArray) -> FloatArray:
+        """Logarithms of Jeffreys's density 1/sqrt(x (1 - x)) of alphas and parts of the integral.
+
+        Of many unknowns, shape (m, size).
+        """
+        _, alpha, _, p = self.splits(thetas)
+        left = 1 - p.sum(axis=1, keepdims=True) / MOST_INTEGRAL if self.bounded else p[:, :0]
+        factors = np.hstack([alpha - LEAST_ALPHA, 1 - alpha, p, left])
+        return np.asarray(np.log(np.maximum(factors, 1e-300)).sum(axis=1) / 2)
 
     def join(self, modulus: float, alpha: FloatArray, tau: FloatArray, p: FloatArray) -> FloatArray:
         """Unknowns from what they stand for, moved inside their range."""
@@ -214,6 +233,21 @@ class Model:
         if not self.modulus:
             slopes[0] = value
         return np.asarray(value), np.asarray(slopes)
+
+    def moduli(self, log_s: ComplexArray, thetas: FloatArray) -> ComplexArray:
+        """M of many unknowns (m, size) at s = exp(log_s), shape (m, n); see `modulus_at`."""
+        modulus, alpha, tau, p = self.splits(thetas)
+        total = np.zeros((len(thetas), log_s.size), dtype=complex)
+        for k, part in enumerate(self.parts):
+            a, log_z = alpha[:, k, np.newaxis], log_s + np.log(tau[:, k, np.newaxis])
+            if part == "rabotnov":
+                h = 1 / (1 + np.exp(a * log_z))
+            elif part == "rzhanitsyn":
+                h = np.exp(-a * np.log(1 + np.exp(log_z)))
+            else:
+                h = np.exp(-a * log_z)
+            total += p[:, k, np.newaxis] * h
+        return np.asarray(modulus[:, np.newaxis] * (1 - total))
 
     def relaxation(self, times: FloatArray, ramp: float, theta: FloatArray) -> FloatArray:
         """M(t) after a ramp: the mean of M_0 relaxation over the ages of its parts."""
