@@ -250,14 +250,20 @@ contains
         change = max(change, rise)
         return
       end if
-      do sign = 1, -1, -2
-        call maker%make_shaken(job, n*growth%factor, growth%factor, sign, other, status)
-        if (status%failed() .or. .not. allocated(other%states)) return
-        call maker%align(other, growth%run)
-        grown = grown_of(growth%run, other)
-        if (sign == -1) grown = max(grown, growth%grown)
-        growth%grown = grown
-        if (all(grown <= few_roundings*maxval(abs(growth%run%states)))) exit
+      do
+        do sign = 1, -1, -2
+          call maker%make_shaken(job, n*growth%factor, growth%factor, sign, other, status)
+          if (status%failed() .or. .not. allocated(other%states)) return
+          call maker%align(other, growth%run)
+          grown = grown_of(growth%run, other)
+          if (sign == -1) grown = max(grown, growth%grown)
+          growth%grown = grown
+          if (all(grown <= few_roundings*maxval(abs(growth%run%states)))) exit
+        end do
+        if (all(growth%grown < huge(1.0_wp)) .or. growth%factor == factor) exit
+        ! A coarse run may stop where a finer one does not.
+        growth%run = fine
+        growth%factor = factor
       end do
     end if
     growth%told = maxval(growth%grown)

@@ -450,3 +450,25 @@ def test_resolution_tells_steps_too_large(mount):
         assert np.abs(run.state[-1, ::2] - exact).max() < run.resolution < 1e-2
     with pytest.warns(vv.ConvergenceWarning, match="steps do not resolve the motion"):
         vv.simulate(mount(), 100, dt=1.0, load=0.5, nu=1.5, method="gauss2")
+
+
+def test_a_limit_cycle_is_not_refused_for_a_coarse_run_that_stops():
+    """Rounding error is estimated by a perturbed run: a coarse one may end otherwise."""
+    memory = vv.PronyKernel(weights=[0.2, 2.0], rates=[0.8, 30.0])
+    rng = np.random.default_rng(8)
+    starts = [[-0.6646972439034471, -0.2930872274864864, 2.03]]
+    starts += [[*rng.uniform(-1, 1, 2), rng.uniform(1.5, 2.5)] for _ in range(5)]
+    for x, v, nu in starts:
+        cycle = vv.PolynomialSystem(
+            mass=1, stiffness=1, damping=0.02, forces="(x^2-1)*x_dot*0.3", kernel=memory
+        )
+        run = vv.simulate(cycle, 80.0, initial=[x, v], load=0.92, nu=nu, times=[63.5])
+
+        def slope(t, y, nu=nu):
+            # All forces, the damping of the law too, are behind the kernel.
+            force = y[0] + 0.3 * (y[0] ** 2 - 1) * y[1]
+            pull = force - 0.2 * y[2] - 2.0 * y[3] + 0.02 * y[1]
+            return [y[1], 0.92 * np.sin(nu * t) - pull, force - 0.8 * y[2], force - 30.0 * y[3]]
+
+        exact = solve_ivp(slope, (0, 63.5), [x, v, 0, 0], method="DOP853", rtol=1e-13, atol=1e-14)
+        assert np.abs(run.state[0] - exact.y[:2, -1]).max() < 1e-9

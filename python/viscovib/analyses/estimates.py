@@ -114,8 +114,11 @@ class Growth:
         rise = risen(coarse, fine)
         if rise < math.inf:
             return None, rise
-        run, factor = self._near
-        self._grown = grown(run, partial(self.shaken, factor, 1))
+        run, near = self._near
+        self._grown = grown(run, partial(self.shaken, near, 1))
+        if not np.isfinite(self._grown).all():
+            # A coarse run may stop where a finer one does not.
+            self._grown = grown(fine, partial(self.shaken, 2 * factor, 1))
         return self._grown, 0.0
 
 
