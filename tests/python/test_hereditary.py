@@ -472,3 +472,39 @@ def test_a_limit_cycle_is_not_refused_for_a_coarse_run_that_stops():
 
         exact = solve_ivp(slope, (0, 63.5), [x, v, 0, 0], method="DOP853", rtol=1e-13, atol=1e-14)
         assert np.abs(run.state[0] - exact.y[:2, -1]).max() < 1e-9
+
+
+def volterra(times, values, start, end, steps):
+    """Displacement at the end: velocity Verlet, the memory by the trapezoidal rule on its grid."""
+    h = end / steps
+    lags = round(times[-1] / h)
+    kernel = h * np.interp(h * np.arange(lags + 1), times, values)
+    x, g = np.zeros(steps + 1), np.zeros(steps + 1)
+    x[0], v, a = start, 0.0, 0.0
+    for n in range(steps + 1):
+        if n:
+            x[n] = x[n - 1] + h * v + h**2 / 2 * a
+        g[n] = 2 * x[n] + 0.5 * x[n] ** 3
+        m = min(n, lags)
+        memory = kernel[: m + 1] @ g[n - m : n + 1][::-1]
+        memory -= (kernel[0] * g[n] + kernel[m] * g[n - m]) / 2
+        pull = 0.3 * np.sin(1.1 * n * h) - g[n] + memory
+        if n:
+            v = (v + h / 2 * (a + pull)) / (1 + 0.05 * h)
+        a = pull - 0.1 * v
+    return x[-1]
+
+
+@pytest.mark.parametrize(
+    ("times", "values", "end"),
+    [([0, 0.5, 2, 6], [0.4, 0.2, 0.05, 0.02], 8.0), ([0, 0.5, 1], [0.4, 0.3, 0.2], 5.0)],
+)
+def test_steps_end_where_a_start_returns_through_the_end_of_a_table(times, values, end):
+    """These took half a minute, or were refused; reference: the Volterra equation, Richardson."""
+    kernel = vv.TabulatedKernel(times=times, values=values)
+    system = vv.PolynomialSystem(mass=1, stiffness=2, damping=0.1, forces="0.5*x^3", kernel=kernel)
+    run = vv.simulate(system, end, initial=[0.4, 0], load=0.3, nu=1.1, tolerance=1e-7)
+    coarse, fine = (volterra(times, values, 0.4, end, int(end * n)) for n in (200, 400))
+    assert run.state[-1, 0] == pytest.approx((4 * fine - coarse) / 3, abs=3e-7)
+    assert run.stats["steps"] < 1000
+    assert run.t[-1] == end

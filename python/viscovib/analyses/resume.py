@@ -25,6 +25,7 @@ from viscovib.analyses.whole_structure import WholeRun, whole_runs
 from viscovib.common.counts import things
 from viscovib.common.mesh import Mesh
 from viscovib.errors import InputError
+from viscovib.kernels.tabulated import TabulatedKernel
 from viscovib.results.trajectory import Trajectory
 from viscovib.systems.load import LoadLike
 from viscovib.systems.load_table import LoadTable
@@ -37,6 +38,9 @@ from viscovib.systems.structure import Structure
 _LOADS = ("f0", "m01", "m02", "p1", "p2", "p3")
 #: Part of its travel by which a base may be off where another motion of it begins.
 _OFF = 1e-9
+#: A table ends at 0 below this part of its largest value; how often a jump returns through its
+#: end, and corners of a table on which steps end.
+_ENDS_AT_0, _RETURNS, _MOST_CORNERS = 1e-9, 8, 16
 
 Maker = Callable[[float], Run]
 
@@ -85,6 +89,24 @@ def breaks_of(force: LoadTable | None, base: LoadLike | LoadTable | None, n_dof:
     if isinstance(base, LoadTable):
         breaks = np.union1d(breaks, base._breaks(np.asarray(base.values)[0].size))
     return breaks
+
+
+def with_delayed_jumps(
+    breaks: FloatArray, system: Any, end: float, initial: object, held: object
+) -> FloatArray:
+    """Add the times at which a jump at t = 0 returns through a kernel table that ends above 0."""
+    found: set[float] = set()
+    may_jump = initial is not None or held is not None
+    for kernel in getattr(system, "_active_kernels", ()) if may_jump else ():
+        if not isinstance(kernel, TabulatedKernel) or kernel.interpolation != "linear":
+            continue
+        times, values = np.asarray(kernel.times), np.asarray(kernel.values)
+        if abs(values[-1]) > _ENDS_AT_0 * np.abs(values).max():
+            found.update(times[-1] * np.arange(1, _RETURNS + 1))
+            if times.size <= _MOST_CORNERS:
+                found.update(times)
+    inside = [float(t) for t in found if 0 < t < end]
+    return np.union1d(breaks, inside) if inside else breaks
 
 
 def check_resumed(

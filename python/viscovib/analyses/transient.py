@@ -23,7 +23,15 @@ from viscovib.analyses.memoryless import (
     pendulum_runs,
     polynomial_runs,
 )
-from viscovib.analyses.resume import Maker, breaks_of, check_resumed, go_on, known, other_loads
+from viscovib.analyses.resume import (
+    Maker,
+    breaks_of,
+    check_resumed,
+    go_on,
+    known,
+    other_loads,
+    with_delayed_jumps,
+)
 from viscovib.analyses.runs import (
     MAX_FIRST_STEPS,
     MAX_STEPS,
@@ -190,7 +198,8 @@ def simulate(
     systems of at most 512 coordinates without ``memory="direct"``, which keeps the past at whole
     steps: by the methods of a pendulum, of which more than 6 coordinates have "gauss8", "gauss2"
     and "gauss3", those with memory "gauss8". Kernels that are no sums of exponentials are
-    replaced by such sums, fitted for the step; tables of points cannot be.
+    replaced by such sums, fitted for the step; tables of points cannot be. Where a table ends
+    above 0 and the motion begins with a displacement, steps end at the times of the table.
 
     Examples
     --------
@@ -242,6 +251,7 @@ def simulate(
     if end <= 0:
         raise InputError(f"t_end = {end:g}: must be greater than 0")
     breaks = breaks_of(force, base, len(system.dof_names))
+    breaks = with_delayed_jumps(breaks, system, end, initial, held)
 
     def prepared(sharper: float = 1.0) -> tuple[_Steps, int]:
         make, n, at_first = runs_of(system, end, initial, method, loads, accuracy, auto, sharper)
