@@ -79,7 +79,8 @@ class PythonLaw:
                 raise InputError(f"{name} = {_native.shown(value)}: must be a function")
         if self.arguments is not None:
             names = self.arguments
-            if isinstance(names, str) or not all(isinstance(name, str) for name in names):
+            listed = isinstance(names, Sequence) and not isinstance(names, str)
+            if not listed or not all(isinstance(name, str) for name in names):
                 raise InputError(f"arguments = {_native.shown(names)}: must be a sequence of names")
             object.__setattr__(self, "arguments", tuple(names))
 
