@@ -3,6 +3,7 @@
 import math
 from collections.abc import Callable
 from copy import copy
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -325,16 +326,16 @@ def _stands_out(amplitudes: FloatArray, alarm: float) -> npt.NDArray[np.bool_]:
     return np.asarray(power > np.repeat(limit * median, width)[:n])
 
 
+@cache
 def _multiple(m: int, probability: float) -> float:
-    """Multiple c of the median of m powers that another exceeds with this probability."""
+    """Multiple c of the median of m powers that another exceeds with this probability.
+
+    Newton's method from below: the logarithm of the probability is convex in c.
+    """
     waits = m - np.arange((m + 1) // 2)
-    low, high = 0.0, 1.0
-    while -np.log1p(high / waits).sum() > math.log(probability):
-        low, high = high, 2 * high
-    for _ in range(60):
-        c = 0.5 * (low + high)
-        if -np.log1p(c / waits).sum() > math.log(probability):
-            low = c
-        else:
-            high = c
-    return high
+    c = step = 0.0
+    while c == 0.0 or step > 1e-14 * c:
+        excess = float(np.log1p(c / waits).sum()) + math.log(probability)
+        step = -excess / float((1 / (waits + c)).sum())
+        c += step
+    return c
