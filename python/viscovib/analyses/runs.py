@@ -474,22 +474,22 @@ class Run(ABC):
     ) -> int:
         """Make n steps in pieces; return how they ended."""
         piece = self.piece if self.watch is None else min(self.piece, _WATCHED)
-        looking = self.look_every and (want.keep == "last" or want.times is not None)
-        if looking:
-            piece = min(piece, self.look_every)
-        piece = max(piece // want.every, 1) * want.every
+        stored = want.keep != "last" and want.times is None
+        looking = self.look_every and not stored
+        every = self.look_every if looking else want.every
+        piece = max(piece // every, 1) * every
         left, ended = n, 0
         while left and not ended:
             count = min(piece, left)
-            stored = want.keep != "last" and want.times is None
-            columns = count // want.every if stored else 0
+            # A native call keeps states at the looks in the same way as states for the result.
+            columns = count // every if stored or looking else 0
             times = nothing(0)
             if want.times is not None:
                 now, until = self.time, self._time_after(self.done + count)
                 if left == count:
                     until = math.inf
                 times = want.times[(want.times >= now) & (want.times < until)]
-            part = self._native_steps(count, want.every, columns, times)
+            part = self._native_steps(count, every, columns, times)
             if self.watch is not None:
                 self.watch.take(part.found, part.n_found)
                 if self.watch.gathers:
@@ -500,13 +500,16 @@ class Run(ABC):
             self.anew = False
             self.done += part.made
             self.reached = part.reached if ended else self.time
+            kept = part.states.T[: min(columns, part.made // every)]
             if looking:
-                self.looks.append(self.state)
+                self.looks.extend(kept)
+                if part.made % every:
+                    self.looks.append(self.state)
             counts[self.counts] += part.counted
             if want.times is not None:
                 states.append(part.at_times.T[: part.n_reached])
-            else:
-                states.append(part.states.T[: min(columns, part.made // want.every)])
+            elif stored:
+                states.append(kept)
             left -= count
             bar.update(part.made)
         return int(ended)

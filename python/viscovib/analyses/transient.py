@@ -403,7 +403,7 @@ def runs_of(
 
 
 #: Looks on the way at runs that keep a part of it alone, and steps between two at least.
-_LOOKS, _BETWEEN = 24, 16
+_LOOKS, _BETWEEN = 24, 8
 
 
 @dataclass(frozen=True)
