@@ -69,8 +69,8 @@ contains
     integer, intent(in) :: i
     integer, intent(out) :: which
     real(wp), intent(out) :: at
-    real(wp) :: s(4), length, f, depth, deepest, value, lower, doubt
-    integer :: first, last, j, k, t, m
+    real(wp) :: s(4), length, f, depth, deepest, lower, doubt, weights(4, n_places)
+    integer :: first, last, j, k, t, m, n
 
     which = 0
     at = 0.5_wp
@@ -84,6 +84,17 @@ contains
       if (.not. length > 0.0_wp) return
       s(j - first + 2) = s(j - first + 1) + length
     end do
+    ! Lagrange's polynomials of the neighbours at places between points i and i + 1.
+    n = last - first + 1
+    weights = 1.0_wp
+    do m = 1, n_places
+      f = s(i - first + 1) + m/(n_places + 1.0_wp)*(s(i - first + 2) - s(i - first + 1))
+      do j = 1, n
+        do k = 1, n
+          if (k /= j) weights(j, m) = weights(j, m)*(f - s(k))/(s(j) - s(k))
+        end do
+      end do
+    end do
     deepest = 1.0_wp
     do t = 1, n_tests
       associate (f_of => tests(t, first:last), ends => tests(t, i:i + 1))
@@ -92,13 +103,7 @@ contains
         lower = minval(abs(ends))
         doubt = max(deep, min(1.0_wp, wrong*maxval(abs(f_of))/lower))
         do m = 1, n_places
-          f = s(i - first + 1) + m/(n_places + 1.0_wp)*(s(i - first + 2) - s(i - first + 1))
-          value = 0.0_wp
-          do j = 1, last - first + 1
-            value = value + f_of(j)*product([((f - s(k))/(s(j) - s(k)), k=1, j - 1)]) &
-                    *product([((f - s(k))/(s(j) - s(k)), k=j + 1, last - first + 1)])
-          end do
-          depth = value*sign(1.0_wp, ends(1))/lower/doubt
+          depth = sum(f_of*weights(:n, m))*sign(1.0_wp, ends(1))/lower/doubt
           if (.not. depth < deepest) cycle
           deepest = depth
           which = t

@@ -18,6 +18,8 @@ module viscovib_curve_rounding
   !! of these are tried, so that one at least does not cancel.
   real(wp), parameter :: usual_rounding = 4.0_wp*epsilon(1.0_wp)
   integer, parameter :: all_signs = 3
+  !> An error this far below the tolerance matters to no one, however it is estimated.
+  real(wp), parameter :: far_below = 1.0e-2_wp
 
   !> A fold: the point, the step to it, and the derivative of dp/ds by the step.
   type :: fold_place
@@ -105,7 +107,7 @@ contains
   !> How far off the rounding of the equations alone leaves a point, relative to its size: x at its
   !! value of p, and both from the curve. It is |J^-1| times the unit roundoff times the largest
   !! term of each equation (Higham, Accuracy and Stability of Numerical Algorithms (2002) ch. 7), by
-  !! a few choices of signs.
+  !! a few choices of signs; by one where that is far below the tolerance.
   subroutine least_error(curve, c, point, error, off, in_p)
     class(curve_type), intent(in) :: curve
     type(corrector_type), intent(in) :: c
@@ -131,7 +133,11 @@ contains
       off = max(off, sqrt(weight_x*sum(c%weights*moved(:curve%n)**2) &
                           + weight_p*moved(curve%n + 1)**2))
       if (c%alone > 0) off = max(off, abs(moved(c%alone)/point%x(c%alone)))
-      if (present(in_p)) in_p = max(in_p, abs(moved(curve%n + 1)))
+      if (present(in_p)) then
+        in_p = max(in_p, abs(moved(curve%n + 1)))
+      else if (max(error, off) < far_below*c%tolerance) then
+        exit
+      end if
     end do
   end subroutine least_error
 
