@@ -16,6 +16,7 @@ from viscovib._native import FloatArray, core
 from viscovib.common.expression import Polynomial, expand
 from viscovib.errors import InputError
 from viscovib.systems.python_law import CalledLaw, PythonLaw
+from viscovib.systems.traced_law import text_of
 
 _FIELD, _MAX_CODE, _MAX_LENGTH = 64, 2000, 20_000
 #: Instructions of the core.
@@ -33,6 +34,8 @@ _WALL, _NEAR = 1e60, 1e-9
 #: changes over the second half of the way, at least, where it does not jump at rest. What rounding
 #: leaves of laws whose parts cancel there is another at each place.
 _STEEP, _LEAST_LATER = 10.0, 1e-2
+#: How well a function and the text that stands for it must agree; what is 0 beside rounding.
+_SAME, _NONE = 1e-10, 1e-25
 #: Variables that a message lists.
 _LISTED = 8
 
@@ -259,18 +262,26 @@ def compile_many(
     return ManyLaws(code, number, form, slopes)
 
 
-def called_law(
+def function_law(
     where: str,
     function: object,
     arguments: Sequence[str],
     parameters: Mapping[str, float],
     rates: Sequence[str],
-) -> Law:
-    """Return a function of Python as a law; its parameters are numbers, so that they may vary."""
+) -> str | Law:
+    """Return a function of Python as a text where it can be written as one, else as a law.
+
+    The law calls it; its parameters are numbers, so that they may vary.
+    """
     law = function if isinstance(function, PythonLaw) else PythonLaw(function)  # type: ignore[arg-type]
     variables = [*arguments, *rates]
     called = law._bound_to(where, variables, parameters)
-    called.check(where, parameters)
+    text = text_of(law.function, called.names, called.keywords)
+    same = text is not None and _is_text(text, called, variables, parameters, len(rates))
+    if law.slopes is not None or not same:
+        called.check(where, parameters)
+    if text is not None and same:
+        return text
     steps = [
         (_ARGUMENT, variables.index(name) + 1.0) if variable else (_NUMBER, parameters[name])
         for name, variable in zip(called.names, called.of_variables, strict=True)
@@ -281,6 +292,29 @@ def called_law(
     found = Law(text, tuple(variables), code, number, 0, n_rates=len(rates), calls=(called,))
     _refuse_edge(where, found)
     return found
+
+
+def _is_text(
+    text: str,
+    called: CalledLaw,
+    variables: Sequence[str],
+    parameters: Mapping[str, float],
+    n_rates: int,
+) -> bool:
+    """Whether a text has the values of a function, at random operands of all sizes."""
+    at = called.places(parameters)
+    rows = np.zeros((at.shape[1], len(variables)))
+    for name, row in zip(called.names, at, strict=True):
+        if name in variables:
+            rows[:, variables.index(name)] = row
+    try:
+        values = compile_law("law", text, variables, parameters, n_rates).values(rows)
+        wanted = called.values(at)
+    except Exception:  # the function is called instead, which says what is wrong with it
+        return False
+    valid = np.isfinite(wanted) & (np.abs(values) < _WALL)
+    off = np.abs(values - wanted)[valid]
+    return bool(valid.any() and (off <= _SAME * np.abs(wanted[valid]) + _NONE).all())
 
 
 def _told_sign(text: str) -> str:
@@ -335,7 +369,9 @@ def read_law(
     whether the caller can give it parameters. ``preloaded``: what is not 0 at rest is compiled.
     """
     if not isinstance(text, str):
-        return called_law(where, text, arguments, parameters, rates)
+        text = function_law(where, text, arguments, parameters, rates)
+    if isinstance(text, Law):
+        return text
     names = [*arguments, *parameters]
     try:
         terms = expand(where, text, names)

@@ -37,11 +37,18 @@ class PythonLaw:
     """A force law that is a function of Python, where a text cannot say it.
 
     It works wherever a text does in `Spring`, `Coupling` and `PolynomialSystem`, with and without
-    memory, but slower: each time a force is needed the function is called with arrays of samples,
-    some 20 us a call beside less than 1 us for a text. Plans say so. A function alone,
-    ``law=lambda d, v: ...``, is taken as ``PythonLaw(function)``. Two things a text can do a
-    function cannot: steps in time do not end where it has a kink or a jump, and layers thinner
-    than a step are not looked for, so it should be smooth. Scenes and bodies take texts only.
+    memory. A function alone, ``law=lambda d, v: ...``, is the same as ``PythonLaw(function)``.
+
+    The function is called once with symbols. If it consists of arithmetic, comparisons and
+    functions of NumPy that a text has (``np.tanh``, ``np.where``, ``np.maximum``, ...), and the
+    text has the same values at random arguments, the text is used: it costs what texts cost, and
+    steps in time end at its kinks and jumps. Numbers that the function reads elsewhere are those
+    of this moment.
+
+    Any other function is called with arrays of samples each time a force is needed, some 20 us a
+    call (a text: less than 1 us); plans state this. Steps in time do not end at its kinks, and
+    layers thinner than a step are not looked for, so it should be smooth. Scenes and bodies take
+    texts only.
 
     Parameters
     ----------
@@ -53,8 +60,8 @@ class PythonLaw:
     slopes : callable, optional
         Its derivatives by the arguments that are no parameters, in their order: a function of the
         same arguments that returns an array, or a tuple of arrays if there are several. None: by
-        the complex step Im f(d + ih)/h, exact for a function that takes complex numbers and is
-        analytic, which ``abs`` is not. Either is held against differences when the system is made.
+        the text, or by the complex step Im f(d + ih)/h, exact for a function that takes complex
+        numbers and is analytic. Both are compared with differences when the system is made.
     arguments : sequence of str, optional
         Names of the arguments, in order, for functions that do not tell, such as those of SciPy.
 
@@ -235,14 +242,20 @@ class CalledLaw:
             raise InputError(f"{self.law._name} has no finite derivative at {at}")
         return values, slopes
 
-    def check(self, where: str, parameters: Mapping[str, float]) -> None:
-        """Refuse a function that works on no arrays, or whose derivatives are others."""
+    def places(self, parameters: Mapping[str, float]) -> FloatArray:
+        """Random operands of all sizes, shape (m, n)."""
         rng = np.random.default_rng(0)
         n = _SIZES.size * _OF_EACH
         rows = rng.uniform(-1, 1, (len(self.names), n)) * np.repeat(_SIZES, _OF_EACH)
         for row, name, variable in zip(rows, self.names, self.of_variables, strict=True):
             if not variable:
                 row[:] = parameters[name]
+        return rows
+
+    def check(self, where: str, parameters: Mapping[str, float]) -> None:
+        """Refuse a function that works on no arrays, or whose derivatives are others."""
+        rows = self.places(parameters)
+        n = rows.shape[1]
         try:
             values = np.asarray(self.values(rows), dtype=float)
             alone = np.array([self.values(rows[:, i : i + 1])[0] for i in range(n)], dtype=float)

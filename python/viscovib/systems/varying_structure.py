@@ -21,8 +21,8 @@ from viscovib.systems.laws import (
     _NUMBER,
     _ODD,
     Law,
-    called_law,
     compile_law,
+    function_law,
     named_in,
 )
 from viscovib.systems.load import LoadLike
@@ -144,9 +144,9 @@ def _linear(own: ElementTerms, stiffness: float) -> ElementTerms:
 
 def _program(where: str, law: Any, parameters: dict[str, float]) -> Law:
     """Return a law as a program, one that is a polynomial too."""
-    if isinstance(law, str):
-        return compile_law(where, law, ("d", "v"), parameters, 1)
-    return called_law(where, law, ("d",), parameters, ("v",))
+    if not isinstance(law, str):
+        law = function_law(where, law, ("d",), parameters, ("v",))
+    return law if isinstance(law, Law) else compile_law(where, law, ("d", "v"), parameters, 1)
 
 
 def _variant(structure: Structure, name: str, place: int, key: str, value: float) -> Structure:
