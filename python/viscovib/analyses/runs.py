@@ -20,6 +20,7 @@ from viscovib.bodies.body import Body
 from viscovib.bodies.turning import told_like
 from viscovib.common.counts import things
 from viscovib.common.mesh import Mesh
+from viscovib.common.past import check_start
 from viscovib.common.plan import Plan
 from viscovib.common.progress import Bar, progress_bar
 from viscovib.errors import InputError
@@ -37,16 +38,12 @@ ROUNDING = 1e-15
 SHAKEN = 2.0**-40
 #: Relative error of the time of a stop inside a step.
 LOCATED = 1e-12
-#: Largest displacement that a motion may begin with, as in the core.
-_LARGEST_START = 1e30
 #: Halvings of the step before a tolerance is given up, and while two runs end unlike each other.
 _MIN_HALVINGS, _MAX_HALVINGS, _MAX_UNLIKE = 5, 12, 9
 #: How many times as large a motion is that has run away.
 _AWAY = 10.0
-#: Coordinates that a message lists.
-_LISTED = 4
-#: Steps of a native call that looks for events.
-_WATCHED = 10_000
+#: Coordinates that a message lists; steps of a native call that looks for events.
+_LISTED, _WATCHED = 4, 10_000
 
 
 class NotMetError(InputError):
@@ -200,12 +197,7 @@ def starting_state(initial: Any, n: int, dof_names: Sequence[str]) -> FloatArray
     if type(initial) is not dict:
         state = _native.real_array("initial", initial)
         if state.shape == (2 * n,):
-            largest = float(np.abs(state[::2]).max(initial=0.0))
-            if largest > _LARGEST_START:
-                raise InputError(
-                    f"initial: has a displacement of {largest!r}, must be at most "
-                    f"{_LARGEST_START:g}: choose other units"
-                )
+            check_start(state)
             return state
     names = [f"{name}{dot}" for name in dof_names[:_LISTED] for dot in ("", "_dot")]
     listed = f"values of {', '.join(names)}{', ...' if n > _LISTED else ''}"

@@ -10,6 +10,19 @@ import numpy.typing as npt
 from viscovib import _native
 from viscovib.errors import InputError
 
+#: Largest displacement that a motion may begin with, as in the core.
+_LARGEST_START = 1e30
+
+
+def check_start(state: npt.NDArray[np.float64]) -> None:
+    """Refuse a start, displacements and velocities in turn, beyond the range of motions."""
+    largest = float(np.abs(state[::2]).max(initial=0.0))
+    if largest > _LARGEST_START:
+        raise InputError(
+            f"initial: has a displacement of {largest!r}, must be at most {_LARGEST_START:g}: "
+            "choose other units"
+        )
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Past:
