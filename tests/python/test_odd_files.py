@@ -53,7 +53,7 @@ def test_files_have_a_largest_size(name, tmp_path):
     path.touch()
     os.truncate(path, 1 << 40)
     readers = {"a.csv": vv.read_dma, "a.json": vv.read_kernel, "a.nml": vv.Scene.read}
-    with pytest.raises(vv.FileError, match="has more than|not a file of at most"):
+    with pytest.raises(vv.FileError, match=r"has more than|not a file of at most"):
         readers.get(name, lambda path: vv.Structure.read(path, path))(path)
 
 

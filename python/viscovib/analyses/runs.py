@@ -166,11 +166,12 @@ def _rounding_of_times(run: Trajectory) -> float:
     """By how much a motion moves within what times of its states, and paces of it, are rounded."""
     if run.outcome != "completed":
         return 0.0
-    paces = np.abs(run.state[:, 1::2]).max(axis=1, initial=0.0)
+    moved = np.abs(run.state[:, 1::2]).max(axis=1, initial=0.0) * run.t
     if run.t.size > 1:
-        steps = np.abs(np.diff(run.state, axis=0)).max(axis=1) / np.diff(run.t)
-        paces[1:] = np.maximum(paces[1:], steps)
-    return float(np.finfo(float).eps * np.max(paces * run.t))
+        steps = np.abs(np.diff(run.state, axis=0)).max(axis=1)
+        lengths = np.maximum(np.diff(run.t), np.finfo(float).smallest_subnormal)
+        moved[1:] = np.maximum(moved[1:], steps * (run.t[1:] / lengths))
+    return float(np.finfo(float).eps * moved.max())
 
 
 class Piece(NamedTuple):
@@ -468,12 +469,12 @@ class Run(ABC):
         piece = self.piece if self.watch is None else min(self.piece, _WATCHED)
         stored = want.keep != "last" and want.times is None
         looking = self.look_every and not stored
+        # A native call keeps states at the looks as it does states of the result.
         every = self.look_every if looking else want.every
         piece = max(piece // every, 1) * every
         left, ended = n, 0
         while left and not ended:
             count = min(piece, left)
-            # A native call keeps states at the looks in the same way as states for the result.
             columns = count // every if stored or looking else 0
             times = nothing(0)
             if want.times is not None:

@@ -50,15 +50,20 @@ def matrix_of(name: str, value: Any, n: int | None, sparse: bool) -> Any:
 
 
 def is_triangular(matrix: Any) -> bool:
-    """Whether entries off the diagonal are on one side of it only."""
+    """Whether it may be one triangle of a symmetric matrix.
+
+    Entries off the diagonal are on one side of it only, and the diagonal entries of their rows and
+    columns are not 0, as in every semidefinite matrix.
+    """
     if is_sparse(matrix):
         places = matrix.tocoo()
-        below, above = (
-            places.data[side].any() for side in (places.row > places.col, places.row < places.col)
-        )
+        entries = places.data != 0
+        rows, columns, diagonal = places.row[entries], places.col[entries], matrix.diagonal()
     else:
-        below, above = np.tril(matrix, -1).any(), np.triu(matrix, 1).any()
-    return bool(below != above)
+        (rows, columns), diagonal = np.nonzero(matrix), np.diagonal(matrix)
+    off = rows != columns
+    below, above = (rows > columns).any(), (rows < columns).any()
+    return bool(below != above and diagonal[rows[off]].all() and diagonal[columns[off]].all())
 
 
 def warn_of_triangle(name: str, matrix: Any) -> None:
