@@ -1,6 +1,8 @@
 """What the benchmarks measure errors with: against data, closed forms and made-up rows."""
 
 import json
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -101,3 +103,13 @@ def test_every_routine_has_a_phase(monkeypatch):
     assert phases.phase_of(core, "[.] __viscovib_node_kernels_MOD_predict") == "prediction"
     assert phases.phase_of("libm.so.6", "[.] __sincos_fma").startswith("sines")
     assert phases.phase_of("libpython3.11.so.1.0", "[.] _PyEval") == "Python and NumPy"
+
+
+def test_a_comparison_with_an_unknown_commit_ends_with_one_line():
+    call = [sys.executable, ROOT / "benchmarks" / "against.py", "--against", "no-such-commit"]
+    done = subprocess.run(call, capture_output=True, text=True)
+    assert done.returncode == 1
+    assert done.stdout == ""
+    assert done.stderr == (
+        "bench: --against no-such-commit: no commit of this repository: see git log\n"
+    )
