@@ -378,9 +378,10 @@ contains
     l = 0.0_wp
     do j = 1, size(mass, 1)
       if (.not. any(abs(mass(:, j)) > 0.0_wp)) cycle
-      if (mass(j, j) > 0.0_wp .and. mass(j, j) < least_mass) &
+      if (mass(j, j) > 0.0_wp .and. mass(j, j) < least_mass) then
         call reader%complain('mass', 'mass: has '//show(mass(j, j))//' in row '//show(j) &
                              //', must be 0 or at least '//show(least_mass)//': choose other units')
+      end if
       pivot = mass(j, j) - sum(l(j, :j - 1)**2)
       if (.not. pivot > 0.0_wp .or. .not. is_symmetric(mass)) then
         call reader%complain('mass', 'mass: must be symmetric and positive definite, but for ' &
