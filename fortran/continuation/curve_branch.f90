@@ -11,7 +11,7 @@ module viscovib_curve_branch
   use viscovib_curve_events, only: locate_branch_point, locate_fold, locate_value, nowhere
   use viscovib_curve_options, only: curve_options, curve_options_from, curve_table
   use viscovib_curve_point, only: angle_between, copy_point, curve_point, distance, &
-    goes_to_and_fro, haunt_type, new_point, normalize, reverse
+    goes_to_and_fro, haunt_type, is_ahead, new_point, normalize, reverse
   use viscovib_curve_record, only: curve_branch_type, curve_closed, curve_completed, &
     curve_fold_limit, curve_outcomes, curve_overflow, curve_returned, curve_step_limit, &
     curve_stopped, curve_stuck, curve_unphysical
@@ -59,8 +59,9 @@ module viscovib_curve_branch
     real(wp) :: own = 0.0_wp, rounding = 0.0_wp
     !> Of the step just made: the angle between its tangents, and how far it lies off.
     real(wp) :: angle = 0.0_wp, off = 0.0_wp
-    !> Whether it began by leaving a branch point, and whether it has left its first point.
-    logical :: leaves = .false., away = .false.
+    !> Whether it began by leaving a branch point, whether it has left its first point, and whether
+    !! the step just made passes the branch point again, where the branch closes.
+    logical :: leaves = .false., away = .false., passes = .false.
   end type follower_type
 
 contains
@@ -239,6 +240,7 @@ contains
     type(curve_branch_type), intent(inout) :: branch
     logical, intent(out) :: ended
     real(wp) :: apart
+    logical :: closed
 
     ended = .true.
     call blur(f, f%next)
@@ -254,12 +256,15 @@ contains
       call finish_at(f, branch, f%options%start, curve_returned)
       return
     end if
-    call record_events(f, branch, f%step)
-    if (branch%n_points == f%options%max_points) return
     apart = distance(f%corrector, f%first, f%next)
     if (apart > 3.0_wp*max(f%step, first_step)) f%away = .true.
+    closed = f%away .and. apart < f%step
+    f%passes = closed .and. f%leaves
+    if (f%passes) f%passes = is_ahead(f%corrector, f%first, f%next)
+    call record_events(f, branch, f%step)
+    if (branch%n_points == f%options%max_points) return
     call branch%add(f%next, at_stop(f, f%next%p))
-    ended = f%away .and. apart < f%step
+    ended = closed
     if (ended) branch%outcome = curve_closed
     if (.not. ended .and. goes_to_and_fro(f%haunt, f%corrector, f%next)) then
       ended = .true.
@@ -379,8 +384,16 @@ contains
     at_stop = any(abs(f%stops - p) <= 0.0_wp)
   end function at_stop
 
-  !> Folds, branch points and stops between `here` and `next`, which lies a step
-  !! `ahead`.
+  !> Whether the change of sign of dp/ds in the step is that at the branch point it passes.
+  pure logical function turns_at_first(f)
+    type(follower_type), intent(in) :: f
+    turns_at_first = f%passes .and. abs(f%first%slope_p) &
+                     < min(abs(f%here%slope_p), abs(f%next%slope_p))
+  end function turns_at_first
+
+  !> Folds, branch points and stops between `here` and `next`, which lies a step `ahead`. Where the
+  !! branch began by leaving another, which it may pass or not before it closes, it has neither fold
+  !! nor branch point.
   subroutine record_events(f, branch, ahead)
     type(follower_type), intent(inout) :: f
     type(curve_branch_type), intent(inout) :: branch
@@ -389,10 +402,11 @@ contains
     integer :: n_before
     at_fold = nowhere
     at_branch_point = nowhere
-    if (f%here%slope_p*f%next%slope_p < 0.0_wp .and. .not. leaving(f, branch)) then
+    if (f%here%slope_p*f%next%slope_p < 0.0_wp .and. .not. (leaving(f, branch) &
+                                                            .or. turns_at_first(f))) then
       call locate_fold(f%curve, f%corrector, f%here, ahead, branch%folds, at_fold)
     end if
-    if (sign_changes(f, branch)) then
+    if (sign_changes(f, branch) .and. .not. f%passes) then
       call locate_branch_point(f%curve, f%corrector, f%here, ahead, branch%branch_points, &
                                at_branch_point)
     end if

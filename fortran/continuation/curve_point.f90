@@ -5,8 +5,8 @@ module viscovib_curve_point
   private
 
   public :: curve_metric, curve_point
-  public :: angle_between, copy_point, distance, goes_to_and_fro, haunt_type, metric, new_point, &
-            normalize, off_at_value, reverse
+  public :: angle_between, copy_point, distance, goes_to_and_fro, haunt_type, is_ahead, &
+            metric, new_point, normalize, off_at_value, reverse
 
   !> A point of the curve with its unit tangent and what its bordered determinant is.
   type :: curve_point
@@ -114,6 +114,16 @@ contains
     call metric(c, b, weight_x, weight_p)
     distance = sqrt(weight_x*sum(c%weights*(a%x - b%x)**2) + weight_p*(a%p - b%p)**2)
   end function distance
+
+  !> Whether b lies ahead of a, by the tangent there.
+  pure logical function is_ahead(c, a, b)
+    class(curve_metric), intent(in) :: c
+    type(curve_point), intent(in) :: a, b
+    real(wp) :: weight_x, weight_p
+    call metric(c, b, weight_x, weight_p)
+    is_ahead = weight_x*sum(c%weights*a%slope_x*(b%x - a%x)) &
+               + weight_p*a%slope_p*(b%p - a%p) > 0.0_wp
+  end function is_ahead
 
   !> Whether the curve does not get away from where it is, which `point` is added to.
   logical function goes_to_and_fro(haunt, c, point) result(it_does)

@@ -6,6 +6,7 @@ import sys
 import time
 import warnings
 from dataclasses import replace
+from itertools import product
 
 import matplotlib
 import numpy as np
@@ -866,17 +867,18 @@ def test_a_wrong_number_of_folds_is_refused(most):
         vv.trace_response(damped(), (0.5, 1), load=0.5, max_folds=most)
 
 
+#: nu, damping and cubic term of Duffing oscillators whose motions lose their symmetry.
+BREAKING = [
+    (0.908, 0.12, 1.1),
+    (0.6177359431843465, 0.21937430477979397, 1.4607874444371338),
+    (0.6206147803913347, 0.23155908169422354, 0.9393294842112621),
+    (0.9598683360914125, 0.23346884311712504, 1.0667415582417452),
+    (0.5786129832905695, 0.16563438742559008, 0.8272560242307373),
+]
+
+
 @pytest.mark.filterwarnings("ignore::viscovib.ConvergenceWarning")
-@pytest.mark.parametrize(
-    ("nu", "damping", "cubic"),
-    [
-        (0.908, 0.12, 1.1),
-        (0.6177359431843465, 0.21937430477979397, 1.4607874444371338),
-        (0.6206147803913347, 0.23155908169422354, 0.9393294842112621),
-        (0.9598683360914125, 0.23346884311712504, 1.0667415582417452),
-        (0.5786129832905695, 0.16563438742559008, 0.8272560242307373),
-    ],
-)
+@pytest.mark.parametrize(("nu", "damping", "cubic"), BREAKING)
 def test_branches_of_broken_symmetry_do_not_jump_to_the_symmetric_one(nu, damping, cubic):
     """Such a branch has the symmetry at its ends alone."""
     system = vv.PolynomialSystem(mass=1, stiffness=1, damping=damping, forces=f"{cubic}*x^3")
@@ -888,3 +890,23 @@ def test_branches_of_broken_symmetry_do_not_jump_to_the_symmetric_one(nu, dampin
         sizes = np.abs(left.coefficients[:, 0, left.harmonics % 2 == 0]).max(axis=1)
         assert left.nu.size > 4
         assert (sizes[1:] > 1e-6).all(), point.parameter
+
+
+@pytest.mark.filterwarnings("ignore::viscovib.ConvergenceWarning")
+@pytest.mark.parametrize(("nu", "damping", "cubic"), BREAKING)
+def test_a_closed_branch_lists_no_fold_where_it_begins(nu, damping, cubic):
+    """It lists its other end as fold and branch point, whatever the steps and the direction."""
+    system = vv.PolynomialSystem(mass=1, stiffness=1, damping=damping, forces=f"{cubic}*x^3")
+    along = {
+        "nu": nu, "load": 1, "load_range": (0.05, 20), "symmetric": False, "harmonics": 9,
+        "stability": False,
+    }  # fmt: skip
+    steps = [{}, {"angle": 0.05}, {"angle": 0.08}] + [{"max_step": h / 100} for h in range(3, 9)]
+    one, other = vv.trace_response(system, **along).branch_points[:2]
+    for start, end in (one, other), (other, one):
+        for step, opposite in product(steps, (False, True)):
+            left = vv.trace_response(system, **along, **step, leave=start, opposite=opposite)
+            assert left.outcome == "closed"
+            assert left.folds == pytest.approx([end.parameter], rel=1e-3), step
+            places = [point.parameter for point in left.branch_points]
+            assert places == pytest.approx([end.parameter], rel=1e-9), step

@@ -66,7 +66,9 @@ class Branch(PeriodicMotions, Curve):
         does, exponents are counted; further left no multiplier says how disturbances decay. Memory
         of a Rabotnov kernel fades like a power of time, more slowly than any exponential.
     folds : ndarray, shape (n_folds,)
-        Where the branch turns back: values of what varies (nu, or the load factor).
+        Where the branch turns back: values of what varies (nu, or the load factor). Where a closed
+        branch began by leaving another, it has neither a fold nor a branch point, though it turns
+        back there at a symmetry breaking: a branch between two of these lists the other one only.
     fold_errors : ndarray, shape (n_folds,)
         Estimated error of each, in the unit of what varies: what leaving out harmonics, and
         rounding, move it by.
