@@ -41,7 +41,7 @@ module viscovib_motion_defect
 
 contains
 
-  subroutine find_defect(scales, full, a, defect, band, turns)
+  subroutine find_defect(scales, full, a, defect, band, turns, rates_only)
     type(multiple_scales_type), intent(in) :: scales
     !> The system itself, in the caller's units; not allocated: the form is all of it.
     class(full_system_type), intent(in), optional :: full
@@ -52,6 +52,8 @@ contains
     real(wp), intent(in), optional :: band
     !> As in `find_angles`.
     real(wp), intent(in), optional :: turns(:)
+    !> Only g is needed, of the waves near a mode.
+    logical, intent(in), optional :: rates_only
     type(angles_type) :: angles
     real(wp), allocatable :: y(:, :, :), load(:, :), e(:, :), w(:, :, :)
     integer, allocatable :: orders(:, :)
@@ -64,9 +66,9 @@ contains
     call list_orders(angles%n, orders)
     defect%n = size(orders, 2)
     associate (form => scales%form, m => angles%n)
-      allocate (defect%frequency(defect%n), defect%phase_rate(defect%n), &
-                defect%rates(scales%flow%n_modes, defect%n))
-      allocate (defect%u(form%n, defect%n), source=(0.0_wp, 0.0_wp))
+      allocate (defect%frequency(defect%n), defect%phase_rate(defect%n))
+      allocate (defect%rates(scales%flow%n_modes, defect%n), defect%u(form%n, defect%n), &
+                source=(0.0_wp, 0.0_wp))
       do i = 1, defect%n
         defect%frequency(i) = sum(orders(:m, i)*angles%whole(:m))
         if (defect%frequency(i) < 0.0_wp) orders(:, i) = -orders(:, i)
@@ -80,7 +82,8 @@ contains
         if (round > 1) call add_waves(angles, step, orders, defect, y)
         call evaluate_sides(scales, full, y, load, e)
         if (form%has_memory()) call slow_sides(scales, y, w)
-        call answer_waves(scales, angles, step, orders, y, e, w, defect, band)
+        call answer_waves(scales, angles, step, orders, y, e, w, &
+                          present(rates_only) .and. round > 1, defect, band)
         if (.not. defect%known) return
       end do
     end associate
@@ -197,11 +200,13 @@ contains
   end subroutine slow_sides
 
   !> One round: what answers the waves of the residual, on top of U; g as a whole.
-  subroutine answer_waves(scales, angles, step, orders, y, e, w, defect, band)
+  subroutine answer_waves(scales, angles, step, orders, y, e, w, rates_only, defect, band)
     type(multiple_scales_type), intent(in) :: scales
     type(angles_type), intent(in) :: angles
     integer, intent(in) :: step(:), orders(:, :)
     real(wp), intent(in) :: y(:, :, 0:), e(:, :), w(:, :, :)
+    !> Only of the waves near a mode.
+    logical, intent(in) :: rates_only
     type(defect_type), intent(inout) :: defect
     real(wp), intent(in), optional :: band
     complex(wp) :: root(0:size(y, 1) - 1), rates(2*scales%normal%n_generators)
@@ -220,9 +225,10 @@ contains
       if (angles%of_mode(k) > 0) whole(k) = angles%whole(angles%of_mode(k))
     end do
     do i = 1, defect%n
+      acts = scales%normal%near_modes(defect%frequency(i), whole, band)
+      if (rates_only .and. .not. any(acts(:size(whole)))) cycle
       call take_waves()
       s = cmplx(0.0_wp, max(defect%frequency(i), slowest), wp)
-      acts = scales%normal%near_modes(defect%frequency(i), whole, band)
       call scales%normal%answer(scales%form, s, -waves, acts, u, rates, singular)
       defect%rates(:, i) = rates(:scales%flow%n_modes)
       ! A stiffness that vanishes: no finite motion answers.

@@ -92,75 +92,91 @@ contains
     integer, intent(in) :: step(:)
     complex(wp), intent(in) :: a(:)
     real(wp), intent(out) :: y(:, :, 0:), load(:, :)
-    complex(wp) :: g(2*scales%normal%n_generators, 0:2), wave(size(load, 2), 0:2), p(0:2)
-    complex(wp) :: turn(max_angles)
+    complex(wp) :: g(0:2, 2*scales%normal%n_generators), wave(0:2, size(load, 2)), p(0:2)
+    complex(wp) :: turn(max_angles), root(0:size(y, 1) - 1), w(size(y, 2), 0:2)
     integer :: k, i, d, points
     integer, allocatable :: pairs(:), triples(:)
+    real(wp), allocatable :: of_pairs(:), of_triples(:)
 
     points = size(y, 1)
+    root = [(exp(cmplx(0.0_wp, two_pi*k/points, wp)), k=0, points - 1)]
     associate (normal => scales%normal)
-      call find_worthwhile(normal%u_pair, normal%pair, pairs)
-      call find_worthwhile(normal%u_triple, normal%triple, triples)
+      call find_worthwhile(normal%u_pair, normal%pair, pairs, of_pairs)
+      call find_worthwhile(normal%u_triple, normal%triple, triples, of_triples)
       do k = 1, points
         do i = 1, angles%n
-          turn(i) = exp(cmplx(0.0_wp, two_pi*modulo((k - 1)*step(i), points)/points, wp))
+          turn(i) = root(modulo((k - 1)*step(i), points))
         end do
         call generators_at(scales, angles, turn, a, g, wave)
-        load(k, :) = real(wave(:, 0))
-        y(k, :, :) = 0.0_wp
+        load(k, :) = real(wave(0, :))
+        w = (0.0_wp, 0.0_wp)
         do i = 1, normal%n_generators
           do d = 0, 2
-            y(k, :, d) = y(k, :, d) + 2.0_wp*real(normal%right(:, i)*g(i, d))
+            w(:, d) = w(:, d) + (2.0_wp*g(d, i))*normal%right(:, i)
           end do
         end do
         do i = 1, size(normal%weak)
           do d = 0, 2
-            y(k, :, d) = y(k, :, d) + 2.0_wp*real(normal%u_load(:, normal%weak(i)) &
-                                                  *wave(normal%weak(i), d))
+            w(:, d) = w(:, d) + (2.0_wp*wave(d, normal%weak(i)))*normal%u_load(:, normal%weak(i))
           end do
         end do
         do i = 1, size(pairs)
-          p = product_of(g(normal%pair(1, pairs(i)), :), g(normal%pair(2, pairs(i)), :))
+          associate (f => normal%pair(:, pairs(i)))
+            p = of_pairs(i)*product_of(g(:, f(1)), g(:, f(2)))
+          end associate
           do d = 0, 2
-            y(k, :, d) = y(k, :, d) + real(normal%u_pair(:, pairs(i))*p(d))
+            w(:, d) = w(:, d) + p(d)*normal%u_pair(:, pairs(i))
           end do
         end do
         do i = 1, size(triples)
           associate (f => normal%triple(:, triples(i)))
-            p = product_of(product_of(g(f(1), :), g(f(2), :)), g(f(3), :))
+            p = of_triples(i)*product_of(product_of(g(:, f(1)), g(:, f(2))), g(:, f(3)))
           end associate
           do d = 0, 2
-            y(k, :, d) = y(k, :, d) + real(normal%u_triple(:, triples(i))*p(d))
+            w(:, d) = w(:, d) + p(d)*normal%u_triple(:, triples(i))
           end do
         end do
+        y(k, :, :) = real(w)
       end do
     end associate
 
   contains
 
-    !> Products that are there at all, of modes that move.
-    subroutine find_worthwhile(u, factors, which)
+    !> Products that are there at all, of modes that move: of each and its conjugate, which adds the
+    !! same real part, the first. With how often it counts.
+    subroutine find_worthwhile(u, factors, which, times)
       complex(wp), intent(in) :: u(:, :)
       integer, intent(in) :: factors(:, :)
       integer, allocatable, intent(out) :: which(:)
+      real(wp), allocatable, intent(out) :: times(:)
       logical :: wanted(size(u, 2)), moves(2*scales%normal%n_generators)
-      integer :: q
+      integer :: other(size(u, 2)), f(size(factors, 1)), q, i
       moves = .true.
       associate (n => size(a), m => scales%normal%n_generators)
         moves(:n) = abs(a) > 0.0_wp
         moves(m + 1:m + n) = moves(:n)
       end associate
       do q = 1, size(u, 2)
-        wanted(q) = all(moves(factors(:, q))) .and. any(abs(u(:, q)) > 0.0_wp)
+        wanted(q) = all(moves(factors(:, q)))
+        if (wanted(q)) wanted(q) = any(abs(u(:, q)) > 0.0_wp)
+        if (.not. wanted(q)) cycle
+        f = [(scales%normal%conjugate_of(factors(i, q)), i=1, size(f))]
+        if (size(f) == 2) then
+          other(q) = scales%normal%pair_at(f(1), f(2))
+        else
+          other(q) = scales%normal%place_of(f(1), f(2), f(3))
+        end if
+        wanted(q) = other(q) >= q
       end do
       which = pack([(q, q=1, size(u, 2))], wanted)
+      times = merge(1.0_wp, 2.0_wp, other(which) == which)
     end subroutine find_worthwhile
 
   end subroutine sample_motion
 
   !> Product of two, and its derivatives (Leibniz).
   pure function product_of(f, g) result(p)
-    complex(wp), intent(in) :: f(0:), g(0:)
+    complex(wp), intent(in) :: f(0:2), g(0:2)
     complex(wp) :: p(0:2)
     p = [f(0)*g(0), f(1)*g(0) + f(0)*g(1), f(2)*g(0) + 2.0_wp*f(1)*g(1) + f(0)*g(2)]
   end function product_of
@@ -171,43 +187,55 @@ contains
     type(multiple_scales_type), intent(in) :: scales
     type(angles_type), intent(in) :: angles
     complex(wp), intent(in) :: turn(:), a(:)
-    complex(wp), intent(out) :: g(:, 0:), wave(:, 0:)
-    complex(wp) :: factor(0:2)
+    complex(wp), intent(out) :: g(0:, :), wave(0:, :)
+    complex(wp) :: value, slope
     integer :: d, i, j, k, m, n, q
 
     n = size(a)
     m = scales%normal%n_generators
     associate (form => scales%form)
-      do k = 1, size(wave, 1)
-        wave(k, 0) = (1.0_wp, 0.0_wp)
-        if (angles%of_load(k) > 0) wave(k, 0) = turn(angles%of_load(k))
-        wave(k, 1) = cmplx(0.0_wp, form%drives(k), wp)*wave(k, 0)
-        wave(k, 2) = cmplx(0.0_wp, form%drives(k), wp)*wave(k, 1)
+      do k = 1, size(wave, 2)
+        wave(0, k) = (1.0_wp, 0.0_wp)
+        if (angles%of_load(k) > 0) wave(0, k) = turn(angles%of_load(k))
+        wave(1, k) = cmplx(0.0_wp, form%drives(k), wp)*wave(0, k)
+        wave(2, k) = cmplx(0.0_wp, form%drives(k), wp)*wave(1, k)
       end do
     end associate
     g = (0.0_wp, 0.0_wp)
     do j = 1, n
-      if (angles%of_mode(j) > 0) g(j, 0) = a(j)*turn(angles%of_mode(j))
+      if (angles%of_mode(j) > 0) g(0, j) = a(j)*turn(angles%of_mode(j))
     end do
-    g(n + 1:m, :) = wave(scales%normal%hard, :)
+    g(:, n + 1:m) = wave(:, scales%normal%hard)
     ! Each derivative from the one before.
     do d = 1, 2
-      g(:n, d) = scales%flow%s*g(:n, d - 1)
+      g(d, :n) = scales%flow%s*g(d - 1, :n)
       do i = 1, size(scales%flow%terms)
         associate (t => scales%flow%terms(i))
-          factor = [t%coefficient, (0.0_wp, 0.0_wp), (0.0_wp, 0.0_wp)]
+          value = t%coefficient
+          slope = (0.0_wp, 0.0_wp)
           do q = 1, 3
-            if (t%at(q) > 0) factor = product_of(factor, g(t%at(q), :))
-            if (t%at(q) < 0) factor = product_of(factor, conjg(g(-t%at(q), :)))
-            if (t%loads(q) > 0) factor = product_of(factor, wave(t%loads(q), :))
-            if (t%loads(q) < 0) factor = product_of(factor, conjg(wave(-t%loads(q), :)))
+            if (t%at(q) > 0) call multiply(value, slope, g(0, t%at(q)), g(1, t%at(q)))
+            if (t%at(q) < 0) call multiply(value, slope, conjg(g(0, -t%at(q))), &
+                                              conjg(g(1, -t%at(q))))
+            if (t%loads(q) > 0) call multiply(value, slope, wave(0, t%loads(q)), &
+                                              wave(1, t%loads(q)))
+            if (t%loads(q) < 0) call multiply(value, slope, conjg(wave(0, -t%loads(q))), &
+                                              conjg(wave(1, -t%loads(q))))
           end do
-          g(t%row, d) = g(t%row, d) + factor(d - 1)
+          g(d, t%row) = g(d, t%row) + merge(value, slope, d == 1)
         end associate
       end do
     end do
-    g(m + 1:, :) = conjg(g(:m, :))
+    g(:, m + 1:) = conjg(g(:, :m))
   end subroutine generators_at
+
+  !> One more factor of a product and of its first derivative.
+  pure subroutine multiply(value, slope, f, f_slope)
+    complex(wp), intent(inout) :: value, slope
+    complex(wp), intent(in) :: f, f_slope
+    slope = slope*f + value*f_slope
+    value = value*f
+  end subroutine multiply
 
   !> h with |h| <= 4, of each pair h, -h one.
   subroutine list_orders(m, orders)

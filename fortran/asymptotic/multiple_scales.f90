@@ -73,7 +73,7 @@ contains
     end do
   end subroutine new_multiple_scales
 
-  !> How far the modes are shifted by what is nonlinear, loads that turn left out.
+  !> How far the modes are shifted by what is nonlinear, loads that turn left out; and the modes.
   subroutine reach_of(form, reach, status)
     !> In the caller's units.
     type(polynomial_form_type), intent(in) :: form
@@ -90,6 +90,11 @@ contains
     call new_multiple_scales(scales, free, default_band, .true., status)
     allocate (reach%cubic(form%n_modes()), reach%quadratic(form%n_modes()), source=0.0_wp)
     if (status%failed()) return
+    associate (normal => scales%normal, n => form%n_modes())
+      reach%s = normal%exponents(:n)
+      reach%right = normal%right(:, :n)
+      reach%left = normal%left(:, :n)
+    end associate
     do i = 1, size(scales%flow%terms)
       associate (t => scales%flow%terms(i), c => abs(scales%flow%terms(i)%coefficient))
         if (count(t%at == t%row) == 2 .and. any(t%at == -t%row)) then

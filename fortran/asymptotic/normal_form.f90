@@ -82,8 +82,15 @@ contains
                 //show(max_loads)//' are allowed')
       return
     end if
-    call find_modes(form, s, right, left, status)
-    if (status%failed()) return
+    if (has_modes(reach)) then
+      call set_ok(status)
+      s = reach%s
+      right = reach%right
+      left = reach%left
+    else
+      call find_modes(form, s, right, left, status)
+      if (status%failed()) return
+    end if
     normal%n_modes = n
     normal%n_generators = n
     normal%tolerance = merge(tolerance, default_band, tolerance >= 0.0_wp)
@@ -139,6 +146,13 @@ contains
     normal%size_pair = abs(normal%u_pair(:form%n_dof, :))
     normal%size_triple = abs(normal%u_triple(:form%n_dof, :))
   end subroutine new_normal_form
+
+  !> True if the modes are among what is given.
+  pure logical function has_modes(reach)
+    type(reach_type), intent(in), optional :: reach
+    has_modes = .false.
+    if (present(reach)) has_modes = allocated(reach%s)
+  end function has_modes
 
   !> Waves of the loads; those that are factors of products become generators.
   subroutine add_waves(normal, form, status)

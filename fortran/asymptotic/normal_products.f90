@@ -18,6 +18,8 @@ module viscovib_normal_products
   !! amplitude (terms of third order) and over amplitudes (second), shape (n_modes).
   type :: reach_type
     real(wp), allocatable :: cubic(:), quadratic(:)
+    !> Exponents and vectors of the modes, as of `find_modes`: loads that turn do not change them.
+    complex(wp), allocatable :: s(:), right(:, :), left(:, :)
     !> Take terms far from the modes too, for what they make grow.
     logical :: with_far = .false.
   end type reach_type

@@ -358,7 +358,7 @@ contains
     do part = 1, size(turns)
       b = a
       b(j) = turns(part)*own
-      call find_defect(scales, full, b, defect, still)
+      call find_defect(scales, full, b, defect, still, rates_only=.true.)
       if (.not. defect%known) return
       do i = 1, defect%n
         do k = 1, size(a)

@@ -6,9 +6,13 @@
 !! How many solutions there are is the same for almost all coefficients. So where Newton's method
 !! leads from the solutions of the member before to as many that differ, those are all. Signs that
 !! leave every term as it is, and the conjugate, lead from one solution to others.
+!!
+!! The random system of a set of terms is the same in every call, so the last ones are kept for the
+!! whole program, behind a lock.
 module viscovib_homotopy
   use viscovib_dense, only: solve_complex
   use viscovib_kinds, only: wp
+  use viscovib_locks, only: release_lock, take_lock
   use viscovib_solution_paths, only: correct, follow, infinite, max_unknowns, polynomials_type, &
     size_of
   use viscovib_stopping, only: is_set
@@ -47,6 +51,11 @@ module viscovib_homotopy
     procedure, private :: solve_near
   end type family_type
 
+  integer, parameter :: most_kept = 64
+  !> Families as `new_family` makes them; read and written by who has the lock.
+  type(family_type) :: kept(most_kept)
+  integer :: n_kept = 0
+
 contains
 
   !> Unknowns and coefficients should be scaled to the size 1.
@@ -66,6 +75,8 @@ contains
     family%system = polynomials_type(n, row, at)
     family%mirror = [(i, i=1, n)]
     if (conjugates) family%mirror = modulo(family%mirror - 1 + n/2, n) + 1
+    call recall(family)
+    if (allocated(family%solutions)) return
     call family%find_signs()
     call family%choose_generic()
     call find_forms(family%system, merge(n/2, n, conjugates), kinds, forms)
@@ -84,6 +95,7 @@ contains
     call family%find_images(family%solutions, 2*size(family%signs, 2), family%leader, family%image)
     ! Between members with the same symmetry solutions may meet: not so by this detour.
     family%generic = family%generic*wave(0.2360679774997897_wp)
+    if (.not. is_set(cancel)) call keep(family)
 
   contains
 
@@ -141,6 +153,30 @@ contains
     end subroutine complete
 
   end subroutine new_family
+
+  !> The family of the same terms and conjugates, if it is kept.
+  subroutine recall(family)
+    type(family_type), intent(inout) :: family
+    integer :: i
+    if (.not. take_lock()) return
+    do i = 1, min(n_kept, most_kept)
+      if (.not. kept(i)%is_of(family%system%n, family%system%row, family%system%at)) cycle
+      if (any(kept(i)%mirror /= family%mirror)) cycle
+      family = kept(i)
+      exit
+    end do
+    call release_lock()
+  end subroutine recall
+
+  !> In the place of the oldest.
+  subroutine keep(family)
+    type(family_type), intent(in) :: family
+    if (.not. take_lock()) return
+    n_kept = n_kept + 1
+    if (n_kept > 2*most_kept) n_kept = most_kept + 1
+    kept(modulo(n_kept - 1, most_kept) + 1) = family
+    call release_lock()
+  end subroutine keep
 
   !> At random, but those of a term and of its conjugate are conjugates, so that solutions have the
   !! symmetries of all members that matter.

@@ -155,16 +155,22 @@ contains
                                               2, 0, 0, 0, 0, 0, 2, 1, 3, 2, 2, 4, &
                                               3, 0, 0, 0, 0, 0, 3, 3, 1, 3, 4, 2, &
                                               4, 0, 0, 0, 0, 0, 4, 3, 1, 4, 4, 2], [3, 16])
-    type(family_type) :: family
+    type(family_type) :: family, again
     complex(wp), allocatable :: x(:, :)
     complex(wp) :: c(16), y(0:4), sides(4)
     real(wp) :: worst, part
-    integer :: cancel, i, k, q, n, counts(2)
+    integer :: cancel, given_up, i, k, q, n, counts(2)
 
     if (.not. begin('all solutions of steady motions that only shift each other')) return
     cancel = 0
     call new_family(family, 4, .true., row, at, cancel)
     call check(size(family%solutions, 2) == 9, 'nine with coefficients at random')
+    ! A second call follows no paths, so that none can be given up.
+    given_up = 1
+    call new_family(again, 4, .true., row, at, given_up)
+    call check(size(again%solutions, 2) == 9, 'systems with the same terms are kept')
+    call new_family(again, 4, .false., row, at, given_up)
+    call check(size(again%solutions, 2) == 0, 'not those with other conjugates')
     allocate (x(4, size(family%solutions, 2)))
     worst = 0.0_wp
     counts = [huge(1), 0]

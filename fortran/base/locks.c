@@ -1,0 +1,8 @@
+/* One lock for tables that threads share. Whoever does not get it at once works without the table. */
+#include <stdatomic.h>
+
+static atomic_flag taken = ATOMIC_FLAG_INIT;
+
+int viscovib_take_lock(void) { return !atomic_flag_test_and_set_explicit(&taken, memory_order_acquire); }
+
+void viscovib_release_lock(void) { atomic_flag_clear_explicit(&taken, memory_order_release); }
