@@ -116,7 +116,7 @@ contains
     call normal%set_exponents()
     call second_sides(normal, form, sides)
     if (normal%choosing) then
-      call choose_products(normal, form, 2, sides, expected, choice)
+      call choose_products(normal, form, 2, sides, expected, choice, reach)
       if (normal%framed) then
         normal%frame = choice%frame()
         call normal%set_exponents()
@@ -128,7 +128,7 @@ contains
     call third_sides(normal, form, sides)
     if (normal%choosing) then
       n = choice%n
-      call choose_products(normal, form, 3, sides, expected, choice)
+      call choose_products(normal, form, 3, sides, expected, choice, reach)
       if (normal%framed .and. choice%n > n) then
         normal%frame = choice%frame()
         call normal%set_exponents()

@@ -118,13 +118,14 @@ contains
 
   !> Candidates of this order, the largest influence first: what stands still in the frame with
   !! those before is taken. Without a frame all are, those within the tolerance as well.
-  subroutine choose_products(self, form, order, sides, expected, choice)
+  subroutine choose_products(self, form, order, sides, expected, choice, reach)
     class(normal_form_type), intent(inout) :: self
     type(polynomial_form_type), intent(in) :: form
     integer, intent(in) :: order
     complex(wp), intent(in) :: sides(:, :)
     real(wp), intent(in) :: expected(:)
     type(frame_choice_type), intent(inout) :: choice
+    type(reach_type), intent(in), optional :: reach
     type(candidate_type), allocatable :: found(:)
     real(wp), allocatable :: does(:)
     real(wp) :: all_sizes(self%n_generators), reference
@@ -151,6 +152,9 @@ contains
         ! What shifts the mode's own exponent needs no place.
         found(i)%taken = all(powers == 0) .and. .not. abs(drive) > 0.0_wp
         waits(i) = .not. found(i)%taken .and. does(i) >= least_influence
+        if (n_loads > 0 .and. .not. (found(i)%taken .or. waits(i) .or. found(i)%is_far)) then
+          waits(i) = sustains(self, reach, found(i))
+        end if
         if (found(i)%is_far) waits(i) = waits(i) .and. self%with_far
       end do
       do while (any(waits))
@@ -191,6 +195,47 @@ contains
     end subroutine mark
 
   end subroutine choose_products
+
+  !> True if loads and the mode itself can sustain an amplitude that shifts the mode's frequency
+  !! to that of the product (subharmonic and superharmonic resonance away from the linear one).
+  pure logical function sustains(self, reach, c)
+    class(normal_form_type), intent(in) :: self
+    type(reach_type), intent(in) :: reach
+    type(candidate_type), intent(in) :: c
+    real(wp) :: decay, distance, a, rate
+    integer :: j, powers(self%n_modes), n_loads, n_own, round
+    real(wp) :: drive
+
+    j = c%mode
+    sustains = .false.
+    ! The amplitude of a mode that a load drives is the expected one.
+    if (any(self%acts_load(j, :))) return
+    n_own = count(c%factors == j .or. c%factors == j + self%n_generators)
+    call net_of(self, c, powers, drive, n_loads)
+    if (n_own + n_loads /= c%order .or. powers(j) == 1) return
+    decay = abs(real(self%exponents(j)))
+    distance = abs(drive + (powers(j) - 1)*aimag(self%exponents(j)))/abs(powers(j) - 1)
+    if (distance > farthest_load*aimag(self%exponents(j))) return
+    ! The equation of the amplitude allows |shift - distance| <= rate, and rate >= decay.
+    rate = decay
+    do round = 1, 4
+      a = amplitude_of_shift(reach, j, distance + rate)
+      if (.not. a > 0.0_wp) return
+      rate = max(c%coupling*a**(n_own - 1), decay)
+    end do
+    sustains = c%coupling*a**(n_own - 1) >= decay
+  end function sustains
+
+  !> Amplitude at which mode j is shifted by this, 0: there is none.
+  pure real(wp) function amplitude_of_shift(reach, j, wanted) result(a)
+    type(reach_type), intent(in) :: reach
+    integer, intent(in) :: j
+    real(wp), intent(in) :: wanted
+    real(wp) :: slope
+    slope = reach%quadratic(j) + sqrt(reach%quadratic(j)**2 + 4.0_wp*reach%cubic(j)*wanted)
+    a = 0.0_wp
+    if (slope > 0.0_wp) a = 2.0_wp*wanted/slope
+  end function amplitude_of_shift
 
   !> Products of this order not too far from a mode, with what they do.
   subroutine list_candidates(self, form, order, sides, found)

@@ -270,6 +270,85 @@ def test_backbones_out_of_range_are_told():
         ms.backbone(0, [])
 
 
+def subharmonics(ratio, damping, quadratic, cubic, load, p):
+    """Initial states of the stable motions of period 2 pi ratio/p of oscillators, by shooting.
+
+    All oscillators and starts at once: Runge-Kutta steps and Newton's method. Motions of the
+    period of the load are left out.
+    """
+    n = damping.size
+    steps = 180
+    grid = [(a, f) for a in (0.2, 0.35, 0.5) for f in np.arange(0, 2 * np.pi, np.pi / 4)]
+    at = np.repeat(np.arange(n), len(grid))
+    y = np.tile([[a * np.cos(f) for a, f in grid], [a * np.sin(f) for a, f in grid]], n)
+
+    def mapped(y, turns):
+        h = 2 * np.pi / p[at] * ratio / steps
+
+        def rhs(t, y):
+            force = load[at] * np.cos(p[at] * t)
+            x, v = y
+            return np.array([v, force - damping[at] * v - x - quadratic[at] * x**2
+                             - cubic[at] * x**3])  # fmt: skip
+
+        for k in range(steps * turns // ratio):
+            t = k * h
+            k1 = rhs(t, y)
+            k2 = rhs(t + h / 2, y + h / 2 * k1)
+            k3 = rhs(t + h / 2, y + h / 2 * k2)
+            k4 = rhs(t + h, y + h * k3)
+            y = y + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
+        return y
+
+    with np.errstate(all="ignore"):
+        for _ in range(8):
+            end = mapped(y, ratio)
+            slope = np.array([(mapped(y + 1e-6 * e, ratio) - end) / 1e-6
+                              for e in np.eye(2)[:, :, None]])  # fmt: skip
+            a, b, c, d = slope[0, 0] - 1, slope[1, 0], slope[0, 1], slope[1, 1] - 1
+            r = end - y
+            y = y - np.array([d * r[0] - b * r[1], a * r[1] - c * r[0]]) / (a * d - b * c)
+        converged = (abs(mapped(y, ratio) - y) < 1e-7).all(axis=0) & (abs(y) < 1).all(axis=0)
+        converged &= abs(mapped(y, 1) - y).max(axis=0) > 0.05
+    trace = slope[0, 0] + slope[1, 1]
+    determinant = slope[0, 0] * slope[1, 1] - slope[0, 1] * slope[1, 0]
+    stable = converged & (abs(trace) < 1 + determinant)
+    return [np.unique(y[:, stable & (at == i)].T.round(4), axis=0) for i in range(n)]
+
+
+@pytest.mark.parametrize("ratio", [2, 3])
+def test_subharmonic_motions_away_from_linear_resonance(ratio):
+    """A load reaches a mode that its amplitude shifts: every stable motion is in the response."""
+    rng = np.random.default_rng(ratio)
+    n = 16
+    damping, load = 10 ** rng.uniform(-3.3, -2.3, n), rng.uniform(0.3, 1.2, n)
+    quadratic = 10 ** rng.uniform(-2, -1, n) * (ratio == 2)
+    cubic = 10 ** rng.uniform(-1.3, -0.3, n)
+    p = ratio * (1 + rng.uniform(0.01, 0.06, n))
+    true = subharmonics(ratio, damping, quadratic, cubic, load, p)
+    counted, lost, off = 0, [], []
+    for i in range(n):
+        system = vv.CubicSystem(
+            mass=[[1.0]], stiffness=[[1.0]], damping=[[damping[i]]], load=[[load[i]]],
+            drives=[p[i]], quadratic=[[[quadratic[i]]]], cubic=[[[[cubic[i]]]]],
+        )  # fmt: skip
+        scales = vv.MultipleScales(system)
+        response = scales.response("p1", [p[i]])
+        moving = response.stable & (abs(response.amplitudes[:, 0]) > 1e-3)
+        counted += len(true[i])
+        if moving.sum() < len(true[i]):
+            lost.append(i)
+            continue
+        found = [scales.motion([0.0], amplitudes=a).state[0] for a in response.amplitudes[moving]]
+        off += [
+            min(np.linalg.norm(f - state) for f in found) / np.linalg.norm(state)
+            for state in true[i]
+        ]
+    assert counted > 15
+    assert not lost
+    assert np.median(off) < 0.05
+
+
 def test_tongues_of_the_order_that_follows():
     """3 p ~ 2 w is no term of the modulation equations; Floquet's growth at its middle is found."""
     rng = np.random.default_rng(5)
