@@ -12,7 +12,7 @@ def main() -> None:
     here, there = sys.argv[1:]
     target = Path(os.environ["MESON_INSTALL_DESTDIR_PREFIX"]) / there
     target.mkdir(parents=True, exist_ok=True)
-    modules = [path for path in Path(here).glob("libviscovib.*.p/*.*mod") if path.is_file()]
+    modules = [path for path in Path(here).glob("libviscovib*.p/*.*mod") if path.is_file()]
     if not modules:
         sys.exit(f"install_modules.py: no module files in {here}")
     for path in modules:
