@@ -94,6 +94,7 @@ module viscovib_condensed_hill
     complex(wp), allocatable :: by_rate(:, :, :, :)
   contains
     procedure :: along
+    procedure :: count_from
     procedure :: determinant
     procedure :: local_at
     procedure, private :: find_local
@@ -136,12 +137,14 @@ contains
   end subroutine new_condensed_hill
 
   !> Everything that the motion x at frequency nu (rad/s) decides.
-  subroutine along(self, system, nu, x)
+  subroutine along(self, system, nu, x, all_poles)
     class(condensed_hill), intent(inout) :: self
     class(structure_type), intent(in) :: system
     real(wp), intent(in) :: nu
     !> Harmonics, real and imaginary part by turns, shape (2 n_orders, n_dof).
     real(wp), intent(in) :: x(:, :)
+    !> Multiply out all poles that elements move. The determinant is not ready until `count_from`.
+    logical, intent(in) :: all_poles
     real(wp), dimension(self%n_dof, self%n_dof) :: largest, strongest
     self%nu = nu
     self%period = self%stride*nu
@@ -163,9 +166,21 @@ contains
       self%nearness = nearly_rigid*self%period
     end if
     call self%poles%weigh(largest, strongest, self%period, self%stride, self%nearness, self%line, &
-                          self%ready)
-    if (self%ready) call self%find_orders(system)
+                          self%ready, all_poles)
+    if (self%ready .and. .not. all_poles) call self%find_orders(system)
   end subroutine along
+
+  !> Count exponents right of another line; the orders contain all poles up to a modulus.
+  subroutine count_from(self, system, line, fastest)
+    class(condensed_hill), intent(inout) :: self
+    class(structure_type), intent(in) :: system
+    !> (1/s), (rad/s).
+    real(wp), intent(in) :: line, fastest
+    self%line = line
+    call self%poles%count_from(line)
+    self%poles%fastest = max(self%poles%fastest, fastest)
+    call self%find_orders(system)
+  end subroutine count_from
 
   !> J, and the largest it is at any time, part by part: by deflections, and by rates.
   subroutine find_local(self, system, largest, strongest)

@@ -44,9 +44,12 @@ module viscovib_condensed_poles
     !> Distance that two poles have from each other, or 1 for complex modes; parts seen and pushed,
     !! shape (n, n_seen); modulus of the pole, or of the larger one.
     real(wp), allocatable, private :: apart(:), seen(:, :), pushed(:, :), reaches(:)
+    !> Poles that are not multiplied out.
+    logical, allocatable, private :: let_be(:)
     complex(wp), allocatable, private :: rigid(:)
   contains
     procedure :: weigh
+    procedure :: count_from
     procedure :: rigid_factor
   end type condensed_poles
 
@@ -120,7 +123,7 @@ contains
   end function smaller
 
   !> Which of them matter for a stiffness and a damping.
-  subroutine weigh(self, stiffness, damping, period, stride, nearly_rigid, line, ready)
+  subroutine weigh(self, stiffness, damping, period, stride, nearly_rigid, line, ready, all_poles)
     class(condensed_poles), intent(inout) :: self
     !> Largest local stiffness and damping, part by part.
     real(wp), intent(in) :: stiffness(:, :), damping(:, :)
@@ -132,6 +135,8 @@ contains
     real(wp), intent(in) :: line
     !> Not where poles are too far to the right.
     logical, intent(out) :: ready
+    !> Multiply out all poles that elements move.
+    logical, intent(in) :: all_poles
     real(wp), dimension(size(self%pole)) :: push, moved, weight
     logical, dimension(size(self%pole)) :: kept, rigid, near
     complex(wp) :: place
@@ -157,7 +162,7 @@ contains
     near = real(self%pole) > -at_axis*period
     rigid = self%reaches < nearly_rigid .and. sum(self%seen, 2) > 0.0_wp &
             .and. sum(self%pushed, 2) > 0.0_wp
-    kept = weight > least .or. (near .and. moved > still*period) .or. rigid
+    kept = weight > least .or. ((near .or. all_poles) .and. moved > still*period) .or. rigid
     self%fastest = maxval(abs(aimag(self%pole)), kept .and. (weight > much .or. near))
     self%fastest = max(self%fastest, 0.0_wp)
     do i = 1, slow_ones
@@ -169,8 +174,8 @@ contains
       self%fastest = max(self%fastest, abs(aimag(self%pole(j))))
     end do
     self%n_multiplied = count(kept) + count(kept .and. self%paired)
-    self%n_growing = count(real(self%pole) > line .and. .not. kept) &
-                     + count(real(self%pole) > line .and. self%paired .and. .not. kept)
+    self%let_be = .not. kept
+    call self%count_from(line)
     self%rigid = pack(self%pole, rigid)
     self%rigid = [self%rigid, conjg(pack(self%pole, rigid .and. self%paired))]
     if (allocated(self%multiplied)) deallocate (self%multiplied, self%exponents)
@@ -210,6 +215,14 @@ contains
       self%order(j + 1) = n
     end do
   end subroutine weigh
+
+  !> Exponents right of this line are counted (1/s).
+  pure subroutine count_from(self, line)
+    class(condensed_poles), intent(inout) :: self
+    real(wp), intent(in) :: line
+    self%n_growing = count(real(self%pole) > line .and. self%let_be) &
+                     + count(real(self%pole) > line .and. self%paired .and. self%let_be)
+  end subroutine count_from
 
   !> Of a pole s the exponent lambda = s, or s - i nu where orders are odd.
   elemental complex(wp) function place_of(pole, period, stride)

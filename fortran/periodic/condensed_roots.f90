@@ -23,10 +23,13 @@ module viscovib_condensed_roots
   real(wp), parameter :: small_step = 1.0e-10_wp, smallest_step = 1.0e-12_wp
   !> How far an offset may be extrapolated, in d, and frequencies that are one for that.
   real(wp), parameter :: furthest = 0.02_wp, near = 1.0e-8_wp
-  !> Of the distance from the axis: how far from their mean exponents zeros may be.
+  !> Of the distance from the line: how far from their mean exponents zeros may be.
   real(wp), parameter :: safe = 0.1_wp
   !> Last step to a mean exponent, and how far from its pole it may be, in d.
   real(wp), parameter :: mean_step = 1.0e-4_wp, mean_range = 4.0_wp
+  !> A line is separate from the exponents by this part of their distance from the axis at least,
+  !! and not further from them than this, in d; further left exponents are not sought.
+  real(wp), parameter :: separate = 0.02_wp, wide = 0.1_wp, furthest_left = -1.2_wp
   !> The grid of starts: real parts in units of d, and imaginary ones over [0, 1/2].
   real(wp), parameter :: grid_re(4) = [0.05_wp, 1.0e-3_wp, 0.3_wp, 1.0e-6_wp]
   integer, parameter :: grid_im = 4
@@ -52,6 +55,8 @@ module viscovib_condensed_roots
     real(wp), allocatable, private :: amid(:)
   contains
     procedure :: approximate
+    procedure :: doubt
+    procedure :: line_beyond
     procedure :: sharpen
     procedure :: search
     procedure :: all_of
@@ -105,11 +110,60 @@ contains
       ! A pole is no zero.
       if (.not. made) place = place + first_step*hill%period*(0.1_wp, 1.0_wp)
       call self%put(hill, place, .false., m)
-      self%doubtful(self%n) = .true.
-      if (made) self%doubtful(self%n) = is_doubtful(hill, system, self%mean(m), &
-                                                    hill%period*abs(self%offset(m)))
+      self%doubtful(self%n) = .not. made
     end do
   end subroutine approximate
+
+  !> Those that may lie on the other side of the line along which exponents are counted.
+  subroutine doubt(self, hill, system)
+    class(condensed_zeros), intent(inout) :: self
+    type(condensed_hill), intent(in) :: hill
+    class(structure_type), intent(in) :: system
+    integer :: i
+
+    do i = 1, self%n
+      if (self%doubtful(i)) cycle
+      associate (m => self%of_pole(i))
+        self%doubtful(i) = is_doubtful(hill, system, self%mean(m), &
+                                       hill%period*abs(self%offset(m)))
+      end associate
+    end do
+  end subroutine doubt
+
+  !> A line between the exponents that decay most slowly and all others.
+  pure subroutine line_beyond(self, hill, wanted, line, fastest, n_right)
+    class(condensed_zeros), intent(in) :: self
+    type(condensed_hill), intent(in) :: hill
+    !> Right of the line, conjugates counted, if there are as many.
+    integer, intent(in) :: wanted
+    !> (1/s), and the highest frequency of the exponents right of it (rad/s).
+    real(wp), intent(out) :: line, fastest
+    !> 0: no line separates them.
+    integer, intent(out) :: n_right
+    logical :: free(self%n)
+    real(wp) :: next
+    integer :: i, k
+
+    line = 0.0_wp
+    fastest = 0.0_wp
+    n_right = 0
+    free = .true.
+    do k = 1, self%n
+      i = maxloc(real(self%upper(:self%n)), 1, free)
+      free(i) = .false.
+      n_right = n_right + merge(2, 1, is_pair(self%upper(i), hill%period))
+      if (real(self%upper(i)) < furthest_left*hill%period) exit
+      fastest = max(fastest, abs(aimag(self%mean(self%of_pole(i)))))
+      if (n_right < wanted .and. k < self%n) cycle
+      associate (last => real(self%upper(i)))
+        next = last - max(abs(last), wide*hill%period)
+        if (k < self%n) next = maxval(real(self%upper(:self%n)), free)
+        line = max(0.5_wp*(last + next), last - wide*hill%period)
+        if (last - line > separate*abs(last) .and. line < hill%line) return
+      end associate
+    end do
+    n_right = 0
+  end subroutine line_beyond
 
   !> An exponent of the system with its mean stiffness, those of all other poles divided out.
   subroutine find_mean(self, hill, system, m, made)
@@ -157,18 +211,19 @@ contains
 
   end subroutine find_mean
 
-  !> Whether a zero may be far from its mean exponent, beside the distance of that from the axis.
+  !> Whether a zero may be far from its mean exponent, beside the distance of that from the line.
   logical function is_doubtful(hill, system, mean, offset)
     type(condensed_hill), intent(in) :: hill
     class(structure_type), intent(in) :: system
     complex(wp), intent(in) :: mean
     !> What it was at a motion nearby.
     real(wp), intent(in) :: offset
-    real(wp) :: moved
-    is_doubtful = .not. offset < safe*abs(real(mean))
+    real(wp) :: moved, distance
+    distance = abs(real(mean) - hill%line)
+    is_doubtful = .not. offset < safe*distance
     if (is_doubtful) return
-    call moved_by_waves(hill, system, mean, 0.1_wp*abs(real(mean)), moved)
-    is_doubtful = .not. moved < safe*abs(real(mean))
+    call moved_by_waves(hill, system, mean, 0.1_wp*distance, moved)
+    is_doubtful = .not. moved < safe*distance
   end function is_doubtful
 
   subroutine put(self, hill, zero, sharp, pole)

@@ -21,6 +21,7 @@ module viscovib_condensed_stability
   contains
     procedure :: judge
     procedure :: follow
+    procedure :: none_grows
   end type condensed_judge
 
 contains
@@ -34,12 +35,14 @@ contains
   end subroutine new_condensed_judge
 
   !> One motion.
-  subroutine judge(self, system, nu, x, exponents, n_growing, slowest)
+  subroutine judge(self, system, nu, x, decaying, exponents, n_growing, slowest)
     class(condensed_judge), intent(inout) :: self
     class(structure_type), intent(in) :: system
     real(wp), intent(in) :: nu
     !> Harmonics, shape (2 n_orders, n_dof).
     real(wp), intent(in) :: x(:, :)
+    !> Count left of the slowest exponents, as many as may be kept, else those that grow.
+    logical, intent(in) :: decaying
     !> Largest real part first, NaN behind the last; those that grow are complete, or all are NaN.
     complex(wp), intent(out) :: exponents(:)
     !> -1: unknown.
@@ -48,35 +51,71 @@ contains
     logical, intent(out) :: slowest
     type(condensed_path) :: path
     complex(wp), allocatable :: zeros(:), all(:)
-    integer :: n
+    real(wp) :: axis, line, fastest
+    integer :: counted, n, wanted
 
     exponents = cmplx(ieee_value(0.0_wp, ieee_quiet_nan), 0.0_wp, wp)
     n_growing = -1
     slowest = .false.
     ! How elements with states answer a disturbance is not in the determinant.
     if (has_states(system)) return
-    call self%hill%along(system, nu, x)
+    call self%hill%along(system, nu, x, decaying)
     if (.not. self%hill%ready) return
+    wanted = size(exponents)
     associate (hill => self%hill, poles => self%hill%poles)
+      axis = hill%line
       call self%zeros%approximate(hill, system)
-      call self%zeros%sharpen(hill, system, size(exponents))
+      if (decaying) then
+        call self%zeros%line_beyond(hill, size(exponents), line, fastest, wanted)
+        if (wanted == 0) return
+        call hill%count_from(system, line, fastest)
+        if (.not. hill%ready) return
+      end if
+      call self%zeros%doubt(hill, system)
+      call self%zeros%sharpen(hill, system, wanted)
       zeros = self%zeros%all_of(hill, .false., 0)
       call new_path(path, hill, system, size(zeros))
-      call count_zeros(hill, system, zeros, path, n_growing)
-      if (n_growing < 0) return
-      if (self%zeros%n_right(hill) + poles%n_growing < n_growing) then
+      call count_zeros(hill, system, zeros, path, counted)
+      if (counted < 0) return
+      ! Certain also where not all exponents are found.
+      if (.not. decaying) n_growing = counted
+      if (self%zeros%n_right(hill) + poles%n_growing < counted .and. .not. decaying) then
         call self%zeros%sharpen(hill, system, huge(1))
-        call self%zeros%search(hill, system, n_growing - poles%n_growing)
+        call self%zeros%search(hill, system, counted - poles%n_growing)
       end if
       all = [self%zeros%all_of(hill, .true., 0), poles%exponents]
-      if (count(real(all) > hill%line) /= n_growing) return
+      if (count(real(all) > hill%line) /= counted) return
     end associate
     call sort_falling(all, real(all))
     n = min(size(all), size(exponents))
-    if (n_growing > n) return
+    if (count(real(all) > axis) > n) return
+    n_growing = count(real(all) > axis)
     exponents(:n) = all(:n)
-    slowest = n_growing > 0
+    slowest = n_growing > 0 .or. decaying
   end subroutine judge
+
+  !> True if it is certain that no disturbance of a motion grows. Only exponents that may be near
+  !! the axis are sought.
+  logical function none_grows(self, system, nu, x)
+    class(condensed_judge), intent(inout) :: self
+    class(structure_type), intent(in) :: system
+    real(wp), intent(in) :: nu, x(:, :)
+    type(condensed_path) :: path
+    complex(wp), allocatable :: zeros(:)
+    integer :: counted
+
+    none_grows = .false.
+    if (has_states(system)) return
+    call self%hill%along(system, nu, x, .false.)
+    if (.not. self%hill%ready) return
+    call self%zeros%approximate(self%hill, system)
+    call self%zeros%doubt(self%hill, system)
+    call self%zeros%sharpen(self%hill, system, 0)
+    zeros = self%zeros%all_of(self%hill, .false., 0)
+    call new_path(path, self%hill, system, size(zeros))
+    call count_zeros(self%hill, system, zeros, path, counted)
+    none_grows = counted == 0
+  end function none_grows
 
   !> One exponent of a motion from the place it had at a motion nearby.
   subroutine follow(self, system, nu, x, start, exponent, made)
@@ -86,7 +125,7 @@ contains
     complex(wp), intent(in) :: start
     complex(wp), intent(out) :: exponent
     logical, intent(out) :: made
-    call self%hill%along(system, nu, x)
+    call self%hill%along(system, nu, x, .false.)
     call exponent_near(self%hill, system, start, exponent, made)
   end subroutine follow
 

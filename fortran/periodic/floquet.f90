@@ -53,12 +53,19 @@ module viscovib_floquet
   contains
     procedure :: monodromies
     procedure :: factors
+    procedure :: n_states
     procedure, private :: prepare
     procedure, private :: least_steps
     procedure, private :: integrate
   end type floquet_type
 
 contains
+
+  !> Order of the matrices.
+  pure integer function n_states(self)
+    class(floquet_type), intent(in) :: self
+    n_states = 2*self%n_dof
+  end function n_states
 
   subroutine new_floquet(floquet, system, set)
     type(floquet_type), intent(out) :: floquet

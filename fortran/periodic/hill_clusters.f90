@@ -100,7 +100,7 @@ contains
     complex(wp) :: found(size(zeros)), better(size(zeros))
     real(wp) :: centre, radius, line, lost, smallest
     integer :: i
-    logical :: made, upper
+    logical :: made, confirmed, upper
 
     line = merge(0.5_wp, 0.0_wp, any(abs(aimag(zeros)) > 0.25_wp*hill%period))*hill%period
     ! About the line, with the conjugate of each: only then D is real along it.
@@ -114,8 +114,10 @@ contains
       ! What lies on both sides of the axis stays as it was counted.
       if (abs(centre) <= radius) exit
       found = zeros
-      call on_circle(hill, system, cmplx(centre, line, wp), radius, upper, found, lost, made)
+      call on_circle(hill, system, cmplx(centre, line, wp), radius, upper, found, lost, made, &
+                     confirmed)
       if (.not. made) exit
+      if (confirmed) return
       if (lost < smallest) then
         smallest = lost
         better = found
@@ -127,7 +129,7 @@ contains
 
   !> The zeros in a circle from what was found of them, and how far their mean may be off; not made
   !! where they are not alone.
-  subroutine on_circle(hill, system, centre, radius, upper, zeros, lost, made)
+  subroutine on_circle(hill, system, centre, radius, upper, zeros, lost, made, confirmed)
     type(hill_type), intent(in) :: hill
     class(oscillator_type), intent(in) :: system
     complex(wp), intent(in) :: centre
@@ -136,12 +138,15 @@ contains
     complex(wp), intent(inout) :: zeros(:)
     real(wp), intent(out) :: lost
     logical, intent(out) :: made
+    !> Whether they are right as they were found.
+    logical, intent(out) :: confirmed
     complex(wp) :: z(half), value(half), logarithm(half)
     real(wp) :: sums(size(zeros)), given(size(zeros)), floor, mean
     integer :: j, k, m
 
     m = size(zeros)
     made = .false.
+    confirmed = .false.
     lost = huge(lost)
     do j = 1, half
       z(j) = exp(cmplx(0.0_wp, pi*(j - 0.5_wp)/half, wp))
@@ -164,7 +169,8 @@ contains
     if (.not. floor < 0.1_wp) return
     lost = floor*radius
     given = [(real(sum(((zeros - centre)/radius)**k)), k=1, m)]
-    made = all(abs(given - sums) <= sure*floor*[(k, k=1, m)])
+    confirmed = all(abs(given - sums) <= sure*floor*[(k, k=1, m)])
+    made = confirmed
     if (made) return
     mean = sums(1)/m
     call from_sums(sums, zeros, made)

@@ -19,11 +19,15 @@ module viscovib_linear_along
   implicit none
   private
 
-  public :: along_type, new_along, few_modes_of
+  public :: along_type, counts_first, few_modes_of, new_along
 
-  !> Modes of a structure up to which integrating its disturbances is quicker than counting those
-  !! that grow, and those more for each deflection beyond the first.
+  !> Modes of a structure up to which its disturbances may be integrated, and those more for each
+  !! deflection beyond the first.
   integer, parameter :: few_modes = 12, modes_a_deflection = 6, most_modes = 24
+  !> Modes up to which this is quicker than counting exponents, and squares of frequencies of rigid
+  !! modes, relative to the largest.
+  integer, parameter :: quick_modes = 4
+  real(wp), parameter :: rigid = 1.0e-6_wp
 
   type :: along_type
     !> Disturbed coordinates, and those of the solution.
@@ -72,6 +76,18 @@ contains
     room = min(few_modes + modes_a_deflection*(system%n_dof() - 1), most_modes)
     if (n > room) n = 0
   end function few_modes_of
+
+  !> Whether counting exponents is quicker than integrating the modes of a structure: with one
+  !! deflection, and without rigid modes.
+  logical function counts_first(system)
+    class(structure_type), intent(in) :: system
+    counts_first = few_modes_of(system) > quick_modes .and. system%n_dof() == 1
+    if (.not. counts_first) return
+    associate (squares => system%rest%squares(:system%rest%n_modes))
+      counts_first = size(squares) > 0
+      if (counts_first) counts_first = minval(abs(squares)) > rigid*maxval(abs(squares))
+    end associate
+  end function counts_first
 
   subroutine new_along(self, system)
     type(along_type), intent(out) :: self

@@ -18,7 +18,7 @@ module viscovib_motion_stability
   use viscovib_kinked_motion, only: is_kinked
   use viscovib_kinked_stability, only: kinked_multipliers
   use viscovib_lanes, only: n_lanes
-  use viscovib_linear_along, only: few_modes_of
+  use viscovib_linear_along, only: counts_first, few_modes_of
   use viscovib_orbit_multipliers, only: logarithm, told_apart
   use viscovib_oscillator, only: oscillator_type
   use viscovib_product_eigenvalues, only: product_eigenvalues, product_type
@@ -73,12 +73,14 @@ module viscovib_motion_stability
     type(harmonic_set_type), private :: set
     type(hill_type), private :: hill
     type(floquet_type), private :: floquet
-    !> Of a condensed structure; where it has few modes these are integrated first.
+    !> Of a condensed structure; its disturbances may be integrated where it has few modes, and are
+    !! counted first where these are more than a few.
     type(condensed_judge), allocatable, private :: condensed
-    logical, private :: modal = .false.
+    logical, private :: modal = .false., counted = .false.
   contains
     procedure :: judge
     procedure :: follow
+    procedure :: none_grows
     procedure, private :: by_condensed
     procedure, private :: by_floquet
     procedure, private :: by_hill
@@ -95,7 +97,9 @@ contains
     select type (system)
     class is (structure_type)
       stability_slots = 2*system%n_dof() + more
-      if (few_modes_of(system) > 0) stability_slots = 2*few_modes_of(system)
+      if (few_modes_of(system) > 0 .and. (is_kinked(system) .or. .not. counts_first(system))) then
+        stability_slots = 2*few_modes_of(system)
+      end if
     end select
   end function stability_slots
 
@@ -118,7 +122,8 @@ contains
       allocate (judge%condensed)
       call new_condensed_judge(judge%condensed, system, set)
       judge%modal = few_modes_of(system) > 0 .and. .not. judge%kinked
-      judge%complete = judge%modal
+      judge%counted = judge%modal .and. counts_first(system)
+      judge%complete = judge%modal .and. .not. judge%counted
       if (judge%modal) call new_floquet(judge%floquet, system, set)
       return
     end select
@@ -151,9 +156,10 @@ contains
     jumps = .false.
     if (self%kinked) call self%by_pieces(system, nu, x, stability, jumps, cancel)
     if (self%jumps .and. .not. self%kinked) call find_jumping(self, system, nu, x, jumps)
+    if (self%counted) call self%by_condensed(system, nu, x, stability, jumps, .true., cancel)
     if (self%modal) call self%by_floquet(system, nu, x, stability, jumps, cancel)
     if (allocated(self%condensed)) then
-      call self%by_condensed(system, nu, x, stability, jumps, cancel)
+      call self%by_condensed(system, nu, x, stability, jumps, .false., cancel)
     else if (self%remembers) then
       call self%by_hill(system, nu, x, stability, jumps, cancel, near)
     else
@@ -206,14 +212,43 @@ contains
     end if
   end subroutine follow
 
+  !> True if it is certain that no disturbance of a solution grows, by a count alone: its exponents
+  !! are not sought.
+  logical function none_grows(self, system, nu, x, near)
+    class(judge_type), intent(inout) :: self
+    class(oscillator_type), intent(in) :: system
+    real(wp), intent(in) :: nu, x(:, :)
+    !> Exponents of a neighbour (1/s), NaN for none.
+    complex(wp), intent(in) :: near(:)
+    type(hill_path_type) :: path
+    integer :: counted
+
+    none_grows = .false.
+    if (self%kinked .or. self%jumps) return
+    if (allocated(self%condensed)) then
+      if (self%modal .and. .not. self%counted) return
+      select type (system)
+      class is (structure_type)
+        none_grows = self%condensed%none_grows(system, nu, x)
+      end select
+    else if (self%remembers) then
+      call self%hill%along(system, nu, x)
+      call new_hill_path(path, self%hill, system)
+      call count_right(self%hill, system, near, path, counted)
+      none_grows = counted == 0
+    end if
+  end function none_grows
+
   !> By the argument principle on the determinant of the elements.
-  subroutine by_condensed(self, system, nu, x, stability, jumps, cancel)
+  subroutine by_condensed(self, system, nu, x, stability, jumps, decaying, cancel)
     class(judge_type), intent(inout) :: self
     class(oscillator_type), intent(in) :: system
     real(wp), intent(in) :: nu(:), x(:, :, :)
     type(stability_type), intent(inout) :: stability
     !> Motions that are left alone.
     logical, intent(in) :: jumps(:)
+    !> Count left of the slowest exponents.
+    logical, intent(in) :: decaying
     integer, intent(inout), optional :: cancel
     integer :: i
 
@@ -223,8 +258,8 @@ contains
         if (given_up(cancel)) return
         if (ieee_is_nan(x(1, 1, i)) .or. stability%n_growing(i) >= 0 .or. jumps(i)) cycle
         associate (exponents => stability%exponents(:, i))
-          call self%condensed%judge(system, nu(i), x(:, :, i), exponents, stability%n_growing(i), &
-                                    stability%slowest(i))
+          call self%condensed%judge(system, nu(i), x(:, :, i), decaying, exponents, &
+                                    stability%n_growing(i), stability%slowest(i))
           stability%multipliers(:, i) = multiplier(nu(i), exponents)
         end associate
       end do
@@ -280,8 +315,8 @@ contains
     !> Motions that are left alone.
     logical, intent(in) :: jumps(:)
     integer, intent(inout), optional :: cancel
-    real(wp) :: matrices(self%n_slots, self%n_slots, n_lanes)
-    complex(wp) :: roots(self%n_slots), logs(self%n_slots)
+    real(wp) :: matrices(self%floquet%n_states(), self%floquet%n_states(), n_lanes)
+    complex(wp) :: roots(self%floquet%n_states()), logs(self%floquet%n_states())
     integer, allocatable :: known(:)
     integer :: first, i, k, n
     logical :: found
@@ -306,10 +341,13 @@ contains
           if (.not. found) cycle
           roots = exp(logs)
         end if
-        stability%exponents(:, i) = merge(1.0_wp, 0.5_wp, self%half_wave)*nu(i)/pi*logs
+        ! The largest of them.
+        stability%exponents(:, i) = merge(1.0_wp, 0.5_wp, self%half_wave)*nu(i)/pi &
+                                    *logs(:self%n_slots)
         if (self%half_wave) roots = roots**2
-        stability%multipliers(:, i) = roots
+        stability%multipliers(:, i) = roots(:self%n_slots)
         stability%n_growing(i) = count(abs(roots) > 1.0_wp + circle)
+        stability%slowest(i) = .true.
       end do
     end do
   end subroutine by_floquet

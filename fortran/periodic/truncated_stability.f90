@@ -56,7 +56,14 @@ contains
       if (look /= doubtful) cycle
       call motions_beside(system, x(:, :, i), as_far*truncation(i), beside)
       do k = 1, n_beside, 2
-        call judge%judge(system, [nu(i), nu(i)], beside(:, :, k:k + 1), others, cancel)
+        if (stability%n_growing(i) == 0) then
+          if (judge%none_grows(system, nu(i), beside(:, :, k), stability%exponents(:, i))) then
+            if (judge%none_grows(system, nu(i), beside(:, :, k + 1), &
+                                 stability%exponents(:, i))) cycle
+          end if
+        end if
+        call judge%judge(system, [nu(i), nu(i)], beside(:, :, k:k + 1), others, cancel, &
+                         stability%exponents(:, i))
         if (given_up(cancel)) return
         if (alike(stability, i, others, 1, nu(i)) .and. alike(stability, i, others, 2, nu(i))) cycle
         call set_unknown(stability, i)

@@ -160,3 +160,28 @@ def test_many_orders_keep_the_digits_of_exponents():
     sizes = [np.nanmax(np.abs(r.multipliers), axis=1) for r in (a, b)]
     assert (np.array(a.stable) == np.array(b.stable)).all()
     assert np.abs(sizes[0] / sizes[1] - 1).max() < 2e-9
+
+
+@pytest.mark.parametrize("n", [5, 8, 12])
+@pytest.mark.parametrize("proportional", ["mass", "stiffness"])
+def test_slowest_exponents_of_few_modes(n: int, proportional: str) -> None:
+    """At a small load the exponents are the slowest ones of the linear system."""
+    stiffness = 2 * np.eye(n) - np.eye(n, k=1) - np.eye(n, k=-1)
+    damping = 0.02 * (stiffness if proportional == "stiffness" else np.eye(n))
+    elements = [vv.Spring(on=f"x{n}", law="0.5*d^3")]
+    system = vv.Structure(mass=np.eye(n), stiffness=stiffness, damping=damping, elements=elements)
+    squares = np.linalg.eigvalsh(stiffness)
+    rates = np.diag(squares if proportional == "stiffness" else np.ones(n)) * 0.02
+    first_order = np.block([[np.zeros((n, n)), np.eye(n)], [-np.diag(squares), -rates]])
+    nu = np.linspace(0.8, 1.3, 6) * np.sqrt(squares[0])
+    motions = vv.forced_response(
+        system, nu, load=1e-6 * np.eye(n)[0], method="newton", harmonics=3, stability=True
+    )
+    assert motions.stable.all()
+    assert motions.slowest.all()
+    expected = np.sort(np.linalg.eigvals(first_order).real)[::-1]
+    for exponents in motions.exponents:
+        found = exponents[~np.isnan(exponents)]
+        # Two for each element and four more.
+        assert found.size >= 6
+        assert found.real == pytest.approx(expected[: found.size], abs=1e-8)
