@@ -511,3 +511,15 @@ def test_a_rigid_connection_by_huge_numbers_is_refused():
     link = np.array([[1.0, -1.0, 0.0], [-1.0, 1.0, 0.0], [0.0, 0.0, 0.0]])
     with pytest.raises(vv.InputError, match="x1, x2 are coupled by entries more than 1e"):
         vv.Structure(mass=np.ones(3), stiffness=1e32 * link + np.eye(3))
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_an_indefinite_sparse_mass_is_refused(seed):
+    from scipy.sparse import csr_array
+
+    root = np.tril(np.random.default_rng(seed).uniform(0.5, 1, (8, 8)))
+    mass = root @ np.diag([1, 1, 1, 1, 1, 1, 1, -0.1]) @ root.T
+    np.fill_diagonal(mass, np.abs(np.diag(mass)))
+    with pytest.raises(vv.InputError, match="mass: must be"):
+        structure = vv.Structure(mass=csr_array(mass), stiffness=csr_array(np.eye(8)))
+        vv.forced_response(structure, [0.5], load={"x1": 1.0}, method="linear")

@@ -95,9 +95,11 @@ def with_delayed_jumps(
     breaks: FloatArray, system: Any, end: float, initial: object, held: object
 ) -> FloatArray:
     """Add the times at which a jump at t = 0 returns through a kernel table that ends above 0."""
+    kernels = getattr(system, "_active_kernels", ())
+    if not kernels or (initial is None and held is None):
+        return breaks
     found: set[float] = set()
-    may_jump = initial is not None or held is not None
-    for kernel in getattr(system, "_active_kernels", ()) if may_jump else ():
+    for kernel in kernels:
         if not isinstance(kernel, TabulatedKernel) or kernel.interpolation != "linear":
             continue
         times, values = np.asarray(kernel.times), np.asarray(kernel.values)

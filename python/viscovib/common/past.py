@@ -16,7 +16,7 @@ _LARGEST_START = 1e30
 
 def check_start(state: npt.NDArray[np.float64]) -> None:
     """Refuse a start, displacements and velocities in turn, beyond the range of motions."""
-    largest = float(np.abs(state[::2]).max(initial=0.0))
+    largest = float(np.maximum.reduce(np.abs(state[::2]), initial=0.0))
     if largest > _LARGEST_START:
         raise InputError(
             f"initial: has a displacement of {largest!r}, must be at most {_LARGEST_START:g}: "

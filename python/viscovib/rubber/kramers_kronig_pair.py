@@ -70,8 +70,8 @@ class KramersKronig(Result):
     Examples
     --------
     >>> found = vv.read_dma("data/rubber/pyvisco_freq_user_master.csv").kramers_kronig()
-    >>> found.consistent, f"{100 * found.together[0]:.1f} %, {100 * found.together[1]:.1f} %"
-    (False, '20.3 %, 13.3 %')
+    >>> found.consistent, f"{100 * found.together[0]:.0f} %, {100 * found.together[1]:.0f} %"
+    (False, '20 %, 13 %')
     >>> low, high, least, most = found.wrong[0]
     >>> bool(high < 2 * np.pi and most > 10)
     True

@@ -114,7 +114,7 @@ def dense_rest(
 
     ``parts``: the stiffness as a sum, which floating point has rounded.
     """
-    from scipy.linalg import eigh
+    from scipy.linalg import LinAlgError, eigh
 
     n = mass.shape[0]
     parts = parts or (stiffness,)
@@ -122,7 +122,13 @@ def dense_rest(
         return _condensed_rest(mass, damping, stiffness, modal)
     none = np.zeros((n, 0), dtype=complex)
     if _symmetric(stiffness) and _symmetric(damping):
-        squares, shapes = eigh(stiffness, mass)
+        try:
+            squares, shapes = eigh(stiffness, mass)
+        except LinAlgError:
+            raise InputError(
+                "mass: must be positive definite, it is singular to rounding: eliminate "
+                "coordinates that depend on others"
+            ) from None
         squares, shapes = refined_modes(squares, shapes, mass, *parts)
         squares = without_rounding(squares, shapes, stiffness)
         if not quiet:
