@@ -520,6 +520,6 @@ def test_an_indefinite_sparse_mass_is_refused(seed):
     root = np.tril(np.random.default_rng(seed).uniform(0.5, 1, (8, 8)))
     mass = root @ np.diag([1, 1, 1, 1, 1, 1, 1, -0.1]) @ root.T
     np.fill_diagonal(mass, np.abs(np.diag(mass)))
+    matrices = {"mass": csr_array(mass), "stiffness": csr_array(np.eye(8))}
     with pytest.raises(vv.InputError, match="mass: must be"):
-        structure = vv.Structure(mass=csr_array(mass), stiffness=csr_array(np.eye(8)))
-        vv.forced_response(structure, [0.5], load={"x1": 1.0}, method="linear")
+        vv.forced_response(vv.Structure(**matrices), [0.5], load={"x1": 1.0}, method="linear")
