@@ -285,7 +285,7 @@ def _moved(rng: random.Random, mine: Path, source: Path, told: list[str]) -> set
         name = file.relative_to(source).parts
         if file.is_file() and name[1:2] in (("c",), ("seal",)) and name[2:4] == start:
             there = mine.joinpath(*name[:2], *end, *name[4:])
-            if there.is_dir():
+            if there.is_symlink() or (there.exists() and not there.is_file()):
                 continue
             there.parent.mkdir(parents=True, exist_ok=True)
             there.write_bytes(file.read_bytes())
