@@ -211,7 +211,7 @@ contains
 
   end subroutine find_mean
 
-  !> Whether a zero may be far from its mean exponent, beside the distance of that from the line.
+  !> Whether a zero may be farther from its mean exponent than that is from the line.
   logical function is_doubtful(hill, system, mean, offset)
     type(condensed_hill), intent(in) :: hill
     class(structure_type), intent(in) :: system

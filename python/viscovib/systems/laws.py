@@ -34,7 +34,7 @@ _WALL, _NEAR = 1e60, 1e-9
 #: changes over the second half of the way, at least, where it does not jump at rest. What rounding
 #: leaves of laws whose parts cancel there is another at each place.
 _STEEP, _LEAST_LATER = 10.0, 1e-2
-#: How well a function and the text that stands for it must agree; what is 0 beside rounding.
+#: How well a function and the text that stands for it must agree; values that are only rounding.
 _SAME, _NONE = 1e-10, 1e-25
 #: Variables that a message lists.
 _LISTED = 8
