@@ -102,6 +102,27 @@ def test_first_steps_with_memory_are_left(interrupted, name):
     assert threading.active_count() == before
 
 
+CLOSED = vv.RzhanitsynKernel(amplitude=0.05, alpha=0.1, beta=0.05)
+WITHOUT_QUADRATURE = {
+    "mount": vv.Mount(
+        mass=1, inertia=0.1, offset=0.5, stiffness_x=10, stiffness_phi=2,
+        kernel=vv.PronyKernel(weights=[0.1], rates=[1]), kernel_phi=CLOSED,
+    ),
+    "structure": vv.Structure(
+        mass=[1.0, 1.0], stiffness=[[2.0, -1], [-1, 2]],
+        elements=[vv.Spring(on="x2", stiffness=1, law="d^3", kernel=CLOSED)],
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", WITHOUT_QUADRATURE)
+def test_short_motions_need_no_thread(monkeypatch, name):
+    """A thread costs a third of a motion whose weights need no quadrature."""
+    monkeypatch.setattr(_native, "apart", lambda *_: pytest.fail("a thread"))
+    load = {"x1": 0.5} if name == "structure" else 0.5
+    vv.simulate(WITHOUT_QUADRATURE[name], 10, load=load, nu=2.0, dt=0.1, keep="last")
+
+
 LONG = """&structure mass=1 2 stiffness=2 1 damping=0.1 0.1 /
 &kernel kind='rabotnov' amplitude=0.5 alpha=0.4 beta=1.5 /
 &element on='x1' law='5*max(d - 0.1, 0) + 0.3*d' kernel=1 /

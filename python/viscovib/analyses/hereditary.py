@@ -29,7 +29,7 @@ from viscovib.analyses.runs import (
 from viscovib.common.mesh import Mesh
 from viscovib.common.past import Past
 from viscovib.errors import InputError, StabilityWarning, caller
-from viscovib.kernels.relaxation import PronyKernel
+from viscovib.kernels.relaxation import AbelKernel, PronyKernel, RzhanitsynKernel
 from viscovib.results.trajectory import Trajectory
 from viscovib.systems.load import LoadLike, oscillator_series
 from viscovib.systems.load_table import LoadTable, added
@@ -53,6 +53,8 @@ _REACH = 100.0
 _FINE = 2.0**-14
 #: Numbers a run needs to go on, to begin with.
 _MEMORY = 1024
+#: Kernels whose weights need no quadrature, and how many parameters they may have for that.
+_CLOSED, _FEW = {kind._kind for kind in (AbelKernel, PronyKernel, RzhanitsynKernel)}, 50
 #: What lasts for ever, as a time (s).
 EVER = 1e30
 
@@ -329,9 +331,14 @@ class MountRun(Run):
         return float(_REACH * self.motion.end)
 
     def _takes_long(self, count: int) -> bool:
-        """Whether steps may take long: many, or the first, whose weights need quadratures."""
-        first = self.memory is None or self.anew
-        return first or self.past != "exponentials" or count > _native.MANY_STEPS
+        """True for many steps, all the past, or first steps whose weights need quadratures."""
+        if self.past != "exponentials" or count > _native.MANY_STEPS:
+            return True
+        if self.memory is not None and not self.anew:
+            return False
+        mount = self.motion.mount
+        kernels = getattr(mount, "_all_kernels", mount._active_kernels)
+        return any(k._kind not in _CLOSED or k._data.size > _FEW for k in kernels)
 
     def _native_steps(self, count: int, every: int, columns: int, times: FloatArray) -> Piece:
         until = self._time_after(self.done + count)

@@ -348,9 +348,11 @@ class _System:
         for _ in range(_NEWTON):
             h = 1e-6 * abs(s)
             try:
+                at = np.array([s + h, s - h, s])
+                values = self._determinant(at, memory, np.full(3, size))
                 above, below, value = (
-                    self._determinant(at, memory, size) / math.prod(at - r for r in known)
-                    for at in (s + h, s - h, s)
+                    v / math.prod(place - r for r in known)
+                    for v, place in zip(values, (s + h, s - h, s), strict=True)
                 )
             except (InputError, ZeroDivisionError):
                 return nothing
