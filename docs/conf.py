@@ -29,7 +29,7 @@ exclude_patterns = ["_*", "ford.md", "paper.md", "examples/short", "**/sg_execut
 templates_path = ["_templates"]
 
 myst_enable_extensions = ["colon_fence", "deflist", "dollarmath", "substitution"]
-# What the page of scenes says of them stands where they are made.
+# The table of options on the page of scenes comes from their definition.
 myst_substitutions = {
     "curve_options": "\n".join(
         [
@@ -65,12 +65,14 @@ sphinx_gallery_conf = {
     "show_signature": False,
     "min_reported_time": 1e9,
     "image_scrapers": ("matplotlib",),
+    # Pages show figures and printed output, not the value of the last line.
+    "capture_repr": (),
     "matplotlib_animations": False,
     "plot_gallery": True,
     "write_computation_times": False,
 }
 
-# Quotes of keys and calls stay as one types them.
+# Quotes of keys and calls remain typewriter quotes.
 smartquotes = False
 maximum_signature_line_length = 90
 

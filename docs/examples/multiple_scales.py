@@ -1,7 +1,7 @@
-"""The seed paper on the spring pendulum, section by section, by the method of multiple scales.
+"""The paper on the spring pendulum, section by section, by the method of multiple scales.
 
-Run as ``python docs/examples/multiple_scales.py [FOLDER]``; pictures go to FOLDER
-(out/multiple_scales).
+Run as ``python docs/examples/multiple_scales.py [FOLDER]``. FOLDER of the figures:
+out/multiple_scales by default.
 Numbers of the set P1: e = 0.1, w2 = 0.4, w3 = 0.8, alpha = 0.5.
 """
 
@@ -83,7 +83,7 @@ def _integrated(pend, state, periods=150):
 
 
 def _one_resonance(folder):
-    _section("4. Steady motion near p1 ~ w1: all branches, stability, two judges")
+    _section("4. Steady motion near p1 ~ w1: all branches, stability, two references")
     pend = vv.Pendulum(**DAMPED, f0=0.002, p1=1.02)
     ms = vv.MultipleScales(pend)
     values = np.linspace(1.0, 1.05, 1000)
@@ -128,8 +128,8 @@ def _mount_response(folder):
         axis.plot(steady.at, steady.amplitude("x"), color=colour, label=f"{load} N")
         last = axis.plot(nu[::9], exact.amplitude("x")[::9], "o", mfc="none", color=_WARM, ms=5)
         error = abs(steady.harmonics - exact.coefficients[:, :, 0])[:, 0] / steady.amplitude("x")
-        told = steady.harmonic_errors[:, 0] / steady.amplitude("x")
-        print(f"load {load}: differs by at most {error.max():.2%}, own estimate {told.max():.2%}")
+        estimate = steady.harmonic_errors[:, 0] / steady.amplitude("x")
+        print(f"load {load}: differs by at most {error.max():.2%}, estimate {estimate.max():.2%}")
     last[0].set_label("harmonic balance")
     axis.set_xlabel(r"$\nu$ (rad/s)")
     axis.set_ylabel(r"amplitude $|x_1|$ (m)")

@@ -2,7 +2,7 @@
 A vibration absorber
 ====================
 
-A small mass on a soft spring takes the peak of the body away, and makes two small ones.
+A small mass on a soft spring replaces the resonance peak of the body by two small peaks.
 """
 
 import matplotlib.pyplot as plt

@@ -2,7 +2,7 @@
 Backbone curve over the response
 ================================
 
-Free motions of large amplitude run through the peaks of the lightly damped response.
+The backbone curve of free motions passes through the peaks of the weakly damped response.
 """
 
 import viscovib as vv

@@ -2,8 +2,8 @@
 A beam on a hardening spring
 ============================
 
-A clamped beam of twenty finite elements, its tip on a cubic spring: 40 coordinates are condensed
-to one.
+A clamped beam of twenty finite elements with a cubic spring at its tip: 40 coordinates are
+condensed to a single one.
 """
 
 import numpy as np

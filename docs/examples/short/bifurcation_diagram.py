@@ -2,7 +2,7 @@
 A bifurcation diagram
 =====================
 
-One section point per period of the load, over the size of the load: 400 motions at once.
+One section point per period of the load, over the amplitude of the load: 400 motions at once.
 """
 
 import numpy as np

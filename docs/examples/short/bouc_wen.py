@@ -1,10 +1,10 @@
 """
-Loops of Bouc and Wen
-=====================
+Bouc-Wen hysteresis loops
+=========================
 
-A damper of wire rope: its force depends on the deflection and on where it turned. Left, its loops
-at three amplitudes; right, a mass on it, driven with a growing load: the energy lost in a cycle
-keeps the resonance down, and the stiffness falls as the loops open.
+A wire-rope damper: its force depends on the deflection and on the last reversal. Left: loops at
+three amplitudes. Right: a mass on the damper under increasing loads. The energy loss per cycle
+limits the resonance, and the stiffness decreases as the loops open.
 """
 
 import matplotlib.pyplot as plt

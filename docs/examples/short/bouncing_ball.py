@@ -2,8 +2,8 @@
 A ball that comes to rest
 =========================
 
-A ball falls on a rigid floor and returns with 0.8 of its speed. Its impacts follow each other
-without end until t = 4.06, the time that the result tells; then it rests.
+A ball falls on a rigid floor and returns with 0.8 of its speed. Infinitely many impacts follow
+until t = 4.06, which the result reports. Then the ball rests.
 """
 
 import matplotlib.pyplot as plt

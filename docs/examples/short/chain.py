@@ -2,7 +2,7 @@
 A chain of ten masses
 =====================
 
-Ten equal masses between springs; the force acts on the first.
+Ten equal masses between springs. The force acts on the first mass.
 """
 
 import matplotlib.pyplot as plt

@@ -2,7 +2,7 @@
 Creep under a constant load
 ===========================
 
-A constant force is put on at t = 0. The rubber goes on yielding.
+A constant force acts from t = 0 on. The deflection of the rubber mount keeps increasing.
 """
 
 import matplotlib.pyplot as plt

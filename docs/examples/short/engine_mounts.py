@@ -2,7 +2,8 @@
 An engine on rubber mounts
 ==========================
 
-A mode of an engine in space, the kinetic energy of all its modes, and what the floor gives it.
+A mode of an engine in space, the kinetic energies of all modes, and the transmissibility from the
+floor.
 """
 
 import matplotlib.pyplot as plt

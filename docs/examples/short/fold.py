@@ -1,8 +1,8 @@
 """
-A resonance that folds over
-===========================
+A resonance with folds
+======================
 
-Stable motions are solid, unstable ones dashed; a slow sweep jumps at the folds.
+Stable motions are solid, unstable motions dashed. A slow sweep jumps at the folds.
 """
 
 import viscovib as vv

@@ -2,7 +2,7 @@
 Free decay with memory
 ======================
 
-The body is let go of a deflection. Dashed: the decay of the slowest mode of the linear mount.
+The body is released from a deflection. Dashed: the decay of the slowest mode of the linear mount.
 """
 
 import matplotlib.pyplot as plt

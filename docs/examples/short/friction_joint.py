@@ -2,8 +2,8 @@
 A joint that sticks and slips
 =============================
 
-A slider with dry friction sits between two masses. Small motions stick and only stretch its
-spring; large ones slide, and lose energy. So the resonance moves and is damped as the load grows.
+A slider with dry friction connects two masses. Small motions stick and only deflect its spring.
+Large motions slide and lose energy. So the resonance shifts and is damped as the load increases.
 """
 
 import matplotlib.pyplot as plt

@@ -2,8 +2,8 @@
 A gap that closes
 =================
 
-A mass strikes a stop at 0.5. The time steps end on each contact, so that the motion keeps the
-order of its method; circles are contacts, found as events.
+A mass hits a stop at 0.5. Time steps end at each contact, so the method keeps its order. Circles
+are contacts, located as events.
 """
 
 import matplotlib.pyplot as plt

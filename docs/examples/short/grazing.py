@@ -1,10 +1,10 @@
 """
-Where a stop is touched first
-=============================
+Grazing of a stop
+=================
 
-Far from its resonance a mass swings freely before a stop at 0.5 (dashed). Where it first grazes the
-stop (circles) the curve leaves that without a stop (grey); on the right it turns back there, so
-that two motions meet and end. Dotted: unstable motions.
+Far from its resonance a mass moves freely in front of a stop at 0.5 (dashed). Where it first
+touches the stop (circles) the curve departs from the curve without a stop (grey). On the right it
+turns back there in a fold. Dotted: unstable motions.
 """
 
 import matplotlib.pyplot as plt

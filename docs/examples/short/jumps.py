@@ -2,8 +2,8 @@
 Sweeps up and down
 ==================
 
-Newton's method starts each frequency from the one before, as a slow sweep does.
-Up and down differ between the folds.
+Newton's method starts each frequency from the motion at the previous one, like a slow sweep.
+The sweeps up and down differ between the folds.
 """
 
 import matplotlib.pyplot as plt

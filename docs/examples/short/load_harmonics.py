@@ -2,7 +2,7 @@
 A load with harmonics
 =====================
 
-A saw-tooth force: each of its harmonics meets the resonance at a part of its frequency.
+A saw-tooth force: each of its harmonics causes a resonance at a fraction of the natural frequency.
 """
 
 import matplotlib.pyplot as plt

@@ -2,7 +2,7 @@
 Loss factor of five kernels
 ===========================
 
-The loss factor is the imaginary over the real part of the complex stiffness.
+The loss factor is the imaginary part divided by the real part of the complex stiffness.
 """
 
 import matplotlib.pyplot as plt

@@ -2,8 +2,8 @@
 A pendulum over three magnets
 =============================
 
-A steel ball hangs over three magnets. Each shade is the magnet over which it stops when it is let
-go there: near the middle the slightest change decides.
+A steel ball hangs over three magnets. Each shade shows the magnet over which the ball comes to rest
+after its release at this point. Near the centre the result is very sensitive.
 """
 
 import matplotlib.pyplot as plt

@@ -2,7 +2,7 @@
 A map over damping and load
 ===========================
 
-The peak of a nonlinear response over two parameters, by a sweep.
+The peak of a nonlinear response over two parameters, computed by a sweep.
 """
 
 import numpy as np

@@ -1,10 +1,9 @@
 """
-Motions beside a stop, followed in time
-=======================================
+Periodic motions with a contact, followed in time
+=================================================
 
-Two masses, one of which meets a stiff spring behind a gap of 1. The motion loses its stability by
-a doubling of its period just before the branch folds. Each is located in time, where the contact
-begins and ends exactly.
+Two masses, one with a stiff spring behind a gap of 1. The motion becomes unstable by a period
+doubling just before the branch folds. Both are located in time, with exact contact times.
 """
 
 import numpy as np

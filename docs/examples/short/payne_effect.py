@@ -2,9 +2,9 @@
 Rubber that softens with amplitude
 ==================================
 
-The Payne effect of filled rubber: a kernel makes the stiffness grow with frequency, and sliders
-in parallel to it (`Iwan`) let it fall with amplitude, with a hump of the loss between. Lines: their
-first harmonics, added; circles: a mass on this mount, computed in periodic motion.
+The Payne effect of filled rubber: the kernel makes the stiffness increase with frequency. Sliders
+in parallel (`Iwan`) make it decrease with amplitude, with a maximum of the loss in between. Lines:
+sum of the first harmonics. Circles: periodic motions of a mass on this mount.
 """
 
 import matplotlib.pyplot as plt

@@ -2,7 +2,7 @@
 Branch of a pendulum
 ====================
 
-The swing of the body over the frequency of a moment, through its folds.
+The angle of the body over the frequency of a moment, through its folds.
 """
 
 import matplotlib.pyplot as plt

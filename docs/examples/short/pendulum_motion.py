@@ -2,7 +2,7 @@
 A pendulum on a spring
 ======================
 
-Histories and phase planes under three small loads.
+Time histories and phase planes under three small loads.
 """
 
 import viscovib as vv

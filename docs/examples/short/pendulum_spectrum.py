@@ -2,7 +2,7 @@
 Spectrum of a pendulum
 ======================
 
-Lines carry the names of their combination frequencies.
+Labels are the combination frequencies of the lines.
 """
 
 import viscovib as vv

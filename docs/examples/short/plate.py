@@ -2,9 +2,9 @@
 A plate on rubber mounts, reduced
 =================================
 
-1156 coordinates in sparse matrices: a few modes and static corrections stand for all, with the
-error they leave. Right: how the plate moves at its peak. ``docs/examples/plate_on_mounts.py`` does
-the same with 1e5 coordinates and a hole.
+1156 coordinates in sparse matrices are reduced to a few modes and static corrections, with an
+error estimate. Right: the motion of the plate at its peak. ``docs/examples/plate_on_mounts.py``
+does the same with 1e5 coordinates and a hole.
 """
 
 import matplotlib.pyplot as plt

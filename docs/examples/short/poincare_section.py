@@ -2,7 +2,7 @@
 A Poincare section of a chaotic motion
 ======================================
 
-States at 2000 whole periods of the load: a body with two positions of rest.
+States at 2000 whole periods of the load, for a body with two equilibria.
 """
 
 import matplotlib.pyplot as plt

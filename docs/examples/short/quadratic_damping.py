@@ -2,9 +2,9 @@
 A hardening spring in water
 ===========================
 
-Drag grows with the square of the speed, c v|v|: it hardly touches small motions and bounds large
-ones. Linear damping that suits the middle load is too strong below it and too weak above it.
-Solid: quadratic damping; dashed: linear damping.
+Drag is proportional to the square of the speed, c v|v|. Small motions are almost undamped, large
+motions strongly damped. Linear damping that suits the middle load is too strong for smaller and
+too weak for larger loads. Solid: quadratic damping. Dashed: linear damping.
 """
 
 import matplotlib.pyplot as plt

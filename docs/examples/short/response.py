@@ -2,8 +2,8 @@
 Response of a body on rubber
 ============================
 
-Displacement and rocking angle over the frequency of a force, with
-as many harmonics as each frequency needs.
+Displacement and rotation over the frequency of a force, with as many harmonics as each frequency
+needs.
 """
 
 import numpy as np

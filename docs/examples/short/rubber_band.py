@@ -1,9 +1,9 @@
 """
-From a table of rubber to a band
-================================
+From rubber data to a band
+==========================
 
-A published table of storage and loss becomes a master curve, a kernel with error bars, and the
-band that the fit's uncertainty leaves of an engine's transmissibility at 90 deg C.
+A published table of storage and loss moduli gives a master curve, a kernel with intervals, and
+the band of the transmissibility of an engine at 90 deg C.
 """
 
 from pathlib import Path

@@ -2,7 +2,7 @@
 A shock
 =======
 
-A pulse of force acts for 3 s; rubber remembers it.
+A pulse of force acts for 3 s on a body on a rubber mount with memory.
 """
 
 import numpy as np

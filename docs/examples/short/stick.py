@@ -1,10 +1,10 @@
 """
-Friction that holds
-===================
+Dry friction that sticks
+========================
 
-Dry friction, 0.6 sign(v), holds a mass while the other forces on it are less than 0.6. Left, a
-motion that rests twice in each period (grey). Right, what part of a period it is held, over
-frequency and load: black, it never moves; white, it never rests.
+Dry friction, 0.6 sign(v), holds a mass while the other forces on it are less than 0.6. Left: a
+motion that rests twice in each period (grey). Right: the fraction of a period at rest, over
+frequency and load. Black: always at rest. White: never at rest.
 """
 
 import matplotlib.pyplot as plt

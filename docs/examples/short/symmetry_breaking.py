@@ -1,8 +1,8 @@
 """
-Where symmetry breaks
-=====================
+A symmetry-breaking bifurcation
+===============================
 
-A second branch leaves where motions stop being their own mirror image.
+A second branch bifurcates where motions lose their half-wave symmetry.
 """
 
 import matplotlib.pyplot as plt

@@ -2,8 +2,8 @@
 Transmissibility of a rubber mount in dB
 ========================================
 
-The supports move by 1 mm; how much of this reaches the machine?
-Above 0 dB the mount amplifies, below it isolates.
+The supports move by 1 mm. The curve is the motion of the machine relative to it.
+Above 0 dB the mount amplifies, below 0 dB it isolates.
 """
 
 import matplotlib.pyplot as plt

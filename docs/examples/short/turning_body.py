@@ -1,9 +1,9 @@
 """
-A body that turns far
-=====================
+A body with large rotations
+===========================
 
-A body that spins about its middle axis turns over, again and again: its spin leaves that axis
-and comes back to it upside down. Energy and angular momentum stay as they are all along.
+A body that spins about its intermediate axis turns over repeatedly: its spin leaves the axis and
+returns to it in the opposite direction. Energy and angular momentum are constant.
 """
 
 import matplotlib.pyplot as plt

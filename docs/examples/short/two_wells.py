@@ -2,8 +2,8 @@
 Basins of two wells
 ===================
 
-A buckled beam rests to the left or to the right. Where its motion ends depends on where it
-starts: the two shades wind into each other.
+A buckled beam has two equilibria, left and right. The final one depends on the initial state: the
+two basins are interleaved.
 """
 
 import matplotlib.pyplot as plt
