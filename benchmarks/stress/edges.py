@@ -261,7 +261,7 @@ def small_divisors(coupled: bool, quick: bool) -> Row:
         tally.check(label, bool(np.isfinite(made.state).all()), "states are not finite")
         if inside.any():
             tally.measure(label, (error / made.error_estimate[1:])[inside].max())
-    tally.notes.append(f"{refused} of {len(gaps) + 1} leave the range, and are told so")
+    tally.notes.append(f"{refused} of {len(gaps) + 1} leave the range, and a warning reports it")
     return tally.row()
 
 

@@ -1,4 +1,4 @@
-"""Floquet multipliers along branches; crossings against them and against the counts beside them."""
+"""Floquet multipliers along branches; crossings against them and against the neighbouring counts."""
 
 import numpy as np
 

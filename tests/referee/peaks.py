@@ -1,4 +1,4 @@
-"""Peaks: the largest amplitude of the motion itself, by a balance solved at the peak and beside it."""
+"""Peaks: the largest amplitude of the motion itself, by a balance solved at the peak and near it."""
 
 import numpy as np
 from scipy.optimize import minimize_scalar

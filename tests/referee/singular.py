@@ -1,4 +1,4 @@
-"""Switches beside weakly singular kernels in time: graded collocation from switch to switch.
+"""Switches with weakly singular kernels in time: graded collocation from switch to switch.
 
 Each kernel is a sum of its own: Gauss-Legendre panels over the logarithms of the rates r of its
 spectrum, from 1e-6 to 1e10; slower rates are one, faster ones pull at once. What is remembered is

@@ -11,12 +11,12 @@ from referee.session import Verdict
 #: Where every failing call is written, whatever place the table has.
 FAILURES = Path("out/referee/failures.py")
 _HEAD = ("family", "systems", "claims", "refused", "failures", "worst ratio", "of what")
-_ABOUT = """# The referee's table
-`./run referee --minutes N` draws random systems, loads and settings for every public method and judges each answer by
-something that shares no code with it: SciPy's integrators at 1e-12, mpmath, solutions in closed form, a harmonic balance and
-Floquet multipliers of its own in NumPy, an identity. A claim is a number with the error that the answer admits, or a verdict.
-The ratio is the true error over the admitted one, inf where a verdict, a count or an outcome is wrong; 1 is allowed for
-numbers, more for estimates, as their claims say. Refused: an error that names its argument instead of an answer.
+_ABOUT = """# Random systems against independent references
+`./run referee --minutes N` draws random systems, loads and settings for every public method. It checks each result by
+a method that shares no code with the library: SciPy's integrators at 1e-12, mpmath, closed-form solutions, a harmonic balance and
+Floquet multipliers in NumPy, or an identity. A claim is a number with the error that the result states, or a verdict.
+The ratio is the true error divided by the stated error, inf for a wrong verdict, count or outcome. The limit is 1 for
+numbers and larger for estimates. Refused: an error message that names its argument instead of a result.
 """
 
 
