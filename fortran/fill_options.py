@@ -20,4 +20,6 @@ for i, (name, option) in enumerate(known["OPTIONS"].items(), 1):
 text = template.read_text(encoding="utf-8")
 for place, filled in lines.items():
     text = text.replace(f"@{place}@", "\n".join(f"    {line}" for line in filled))
-module.write_text(text, encoding="utf-8")
+# A file that is the same keeps its time, or every configuration would compile all that uses it.
+if not module.exists() or module.read_text(encoding="utf-8") != text:
+    module.write_text(text, encoding="utf-8")

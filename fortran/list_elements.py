@@ -45,4 +45,7 @@ filled = template.read_text(encoding="utf-8").replace("@count@", str(len(element
 for place, found in lines.items():
     indent = {"uses": "  ", "names": "    ", "odds": "    "}.get(place, "      ")
     filled = filled.replace(f"@{place}@", "\n".join(indent + line for line in found))
-module.write_text(re.sub(r"\n{3,}", "\n\n", filled), encoding="utf-8")
+filled = re.sub(r"\n{3,}", "\n\n", filled)
+# A file that is the same keeps its time, or every configuration would compile all that uses it.
+if not module.exists() or module.read_text(encoding="utf-8") != filled:
+    module.write_text(filled, encoding="utf-8")

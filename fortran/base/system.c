@@ -139,3 +139,10 @@ static pthread_mutex_t planner = PTHREAD_MUTEX_INITIALIZER;
 void viscovib_lock_planner(void) { pthread_mutex_lock(&planner); }
 
 void viscovib_unlock_planner(void) { pthread_mutex_unlock(&planner); }
+
+/* The same for the list of objects that have a handle. */
+static pthread_mutex_t handles = PTHREAD_MUTEX_INITIALIZER;
+
+void viscovib_lock_handles(void) { pthread_mutex_lock(&handles); }
+
+void viscovib_unlock_handles(void) { pthread_mutex_unlock(&handles); }

@@ -262,6 +262,129 @@ def call(routine: Callable[..., tuple[Any, ...]], *arguments: object) -> tuple[A
     return tuple(results)
 
 
+#: Kinds of values as the core has them, by the kinds of arrays.
+_REAL, _COMPLEX, _INTEGER, _TEXT = 1, 2, 3, 4
+_KINDS = {"f": _REAL, "c": _COMPLEX, "i": _INTEGER, "u": _INTEGER, "b": _INTEGER}
+_NO_NUMBERS = np.empty(0)
+_NO_CANCEL = np.zeros(1, dtype=np.intc)
+
+
+class Handle:
+    """An object of the core, such as a system: built once, used by many tasks, freed with this.
+
+    A copy, or one that was pickled, is another object of the same values.
+    """
+
+    __slots__ = ("__weakref__", "_kind", "_parents", "_values", "number")
+
+    def __init__(self, kind: str, /, *parents: "Handle", **values: Any) -> None:
+        self._kind, self._parents, self._values = kind, parents, values
+        self.number, _ = _begin(kind, parents, values)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return _new_handle, (self._kind, self._parents, self._values)
+
+    def __del__(self, free: Any = core.free_object) -> None:
+        # Not there if no object could be made.
+        number = getattr(self, "number", 0)
+        if number:
+            free(number)
+
+
+def _new_handle(kind: str, parents: tuple[Handle, ...], values: dict[str, Any]) -> Handle:
+    return Handle(kind, *parents, **values)
+
+
+def run(task: str, /, *parents: Handle, **values: Any) -> dict[str, Any]:
+    """Run a task of the core with values by name, about objects, and return what it finds.
+
+    Values are numbers, texts, and arrays of up to 4 dimensions; arrays that are found have the
+    order of Fortran.
+    """
+    handle, sizes = _begin(task, parents, values)
+    return _found(handle, sizes, 0)
+
+
+def _begin(
+    task: str, parents: tuple[Handle, ...], values: Mapping[str, Any]
+) -> tuple[int, FloatArray]:
+    integers: list[int] = [len(parents), *[parent.number for parent in parents]]
+    numbers: list[Any] = []
+    whole: list[Any] = []
+    letters = b""
+    names = ",".join(values)
+    for value in values.values():
+        kind = type(value)
+        if kind is float:
+            integers += (_REAL, 0)
+            numbers.append(value)
+        elif kind is int or kind is bool:
+            integers += (_INTEGER, 0)
+            whole.append(int(value))
+        elif kind is np.ndarray:
+            code = _KINDS[value.dtype.kind]
+            integers += (code, value.ndim, *value.shape)
+            if code == _INTEGER:
+                whole.append(value.ravel("F"))
+            else:
+                flat = value.ravel("F")
+                numbers.append(flat.view(np.float64) if code == _COMPLEX else flat)
+        elif kind is str or kind is bytes:
+            text = value.encode() if kind is str else value
+            integers += (_TEXT, 1, len(text))
+            letters += text
+        elif isinstance(value, np.generic):
+            code = _KINDS[value.dtype.kind]
+            integers += (code, 0)
+            if code == _INTEGER:
+                whole.append(int(value))
+            else:
+                numbers += (value,) if code == _REAL else (value.real, value.imag)
+        else:
+            integers += (_COMPLEX, 0)
+            numbers += (value.real, value.imag)
+    found = core.begin_call(
+        f"{task};{names};".encode() + letters,
+        np.hstack([integers, *whole]) if whole else integers,
+        np.hstack(numbers) if numbers else _NO_NUMBERS,
+        _NO_CANCEL if _listening.flag is None else _listening.flag,
+    )
+    handle, sizes = call(lambda: found)
+    return handle, sizes
+
+
+def _found(handle: int, sizes: Any, keep: int) -> dict[str, Any]:
+    """Unpack what a task found."""
+    text, integers, numbers = call(core.end_call, handle, keep, *sizes.tolist())
+    names, _, letters = text.tobytes().partition(b";")
+    whole = integers.tolist()
+    found: dict[str, Any] = {}
+    forms: list[tuple[int, tuple[int, ...]]] = []
+    at = 0
+    for _ in range(names.count(b",")):
+        rank = whole[at + 1]
+        forms.append((whole[at], tuple(whole[at + 2 : at + 2 + rank])))
+        at += 2 + rank
+    of_numbers = of_letters = 0
+    for name, (kind, shape) in zip(names.decode().split(","), forms, strict=False):
+        size = math.prod(shape)
+        if kind == _INTEGER:
+            part = integers[at : at + size]
+            at += size
+            found[name] = part.reshape(shape, order="F") if shape else int(part[0])
+        elif kind == _TEXT:
+            found[name] = letters[of_letters : of_letters + size].decode(errors="replace")
+            of_letters += size
+        else:
+            size *= kind
+            part = numbers[of_numbers : of_numbers + size]
+            of_numbers += size
+            if kind == _COMPLEX:
+                part = part.view(np.complex128)
+            found[name] = part.reshape(shape, order="F") if shape else part[0].item()
+    return found
+
+
 class _Unheard(threading.local):
     """What a function that the core called raised, by thread: it cannot leave the core."""
 

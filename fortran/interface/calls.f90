@@ -1,0 +1,187 @@
+!> Calls of the interface: values in, values out. What f2py and C see of the core are thin layers
+!! over these.
+!!
+!! A call takes a text, integers and numbers. The text is the kind of the task, a semicolon, the
+!! names of the values with commas between, a semicolon, and the letters of all texts. The integers
+!! are the number of objects that the task builds on and their handles; of each value its kind and
+!! rank, and its extents; then the elements of all integers. The numbers are the elements of all
+!! real and complex values. What a task finds comes back in the same form, without the kind and the
+!! handles; a comma follows each name.
+module viscovib_calls
+  use, intrinsic :: iso_c_binding, only: c_int
+  use viscovib_handles, only: add_object, find_objects, release, remove_object
+  use viscovib_kinds, only: i8, wp
+  use viscovib_named_values, only: most_dimensions, named_values
+  use viscovib_status, only: fail, set_ok, status_input_error, status_type
+  use viscovib_task, only: task_link, task_type
+  use viscovib_tasks, only: run_task
+  implicit none
+  private
+
+  public :: begin_call, end_call, free_object
+
+contains
+
+  !> Do a task. Its handle is that of what it found, or of the object made.
+  subroutine begin_call(text, integers, numbers, cancel, handle, sizes, status)
+    character(len=*), intent(in) :: text
+    integer(i8), intent(in) :: integers(:)
+    real(wp), intent(in) :: numbers(:)
+    !> Not 0 once another thread gives up.
+    integer(c_int), intent(inout), target :: cancel
+    integer(i8), intent(out) :: handle
+    !> Letters, integers and numbers that `end_call` gives.
+    integer(i8), intent(out) :: sizes(3)
+    type(status_type), intent(out) :: status
+    type(task_type), pointer :: task
+    type(task_link) :: link
+
+    handle = 0
+    sizes = 0
+    allocate (task)
+    call unpack_call(task, text, integers, numbers, status)
+    if (.not. status%failed()) then
+      task%cancel => cancel
+      call run_task(task)
+      nullify (task%cancel)
+      status = task%status
+    end if
+    if (status%failed()) then
+      link%to => task
+      call release(link)
+      return
+    end if
+    sizes = sizes_of(task%found)
+    handle = add_object(task)
+  end subroutine begin_call
+
+  !> What a task found. Its handle is freed unless it is kept.
+  subroutine end_call(handle, keep, text, integers, numbers, status)
+    integer(i8), intent(in) :: handle
+    logical, intent(in) :: keep
+    character(len=1), intent(out) :: text(:)
+    integer(i8), intent(out) :: integers(:)
+    real(wp), intent(out) :: numbers(:)
+    type(status_type), intent(out) :: status
+    type(task_link) :: links(1)
+
+    call find_objects([handle], links, status)
+    if (status%failed()) return
+    associate (found => links(1)%to%found)
+      if (any([size(text, kind=i8), size(integers, kind=i8), size(numbers, kind=i8)] &
+              /= sizes_of(found))) then
+        call fail(status, status_input_error, 'handle', 'handle: its results have another size')
+      else
+        call pack_found(found, text, integers, numbers)
+      end if
+    end associate
+    call release(links(1))
+    if (.not. (keep .or. status%failed())) call remove_object(handle, status)
+  end subroutine end_call
+
+  subroutine free_object(handle, status)
+    integer(i8), intent(in) :: handle
+    type(status_type), intent(out) :: status
+    call remove_object(handle, status)
+  end subroutine free_object
+
+  subroutine unpack_call(task, text, integers, numbers, status)
+    type(task_type), intent(inout) :: task
+    character(len=*), intent(in) :: text
+    integer(i8), intent(in) :: integers(:)
+    real(wp), intent(in) :: numbers(:)
+    type(status_type), intent(out) :: status
+    integer(i8) :: n, at, rank
+    integer :: first, last, names_end
+
+    call set_ok(status)
+    last = index(text, ';')
+    names_end = last + index(text(last + 1:), ';')
+    n = 0
+    if (size(integers) > 0) n = integers(1)
+    if (last == 0 .or. names_end == last .or. n < 0 .or. n > size(integers) - 1) then
+      call refuse_call(status)
+      return
+    end if
+    task%kind = text(:last - 1)
+    if (n > 0) then
+      allocate (task%parents(n))
+      call find_objects(integers(2:n + 1), task%parents, status)
+      if (status%failed()) then
+        deallocate (task%parents)
+        return
+      end if
+    end if
+    at = n + 2
+    first = last + 1
+    do while (first < names_end)
+      last = first + scan(text(first:names_end), ',;') - 2
+      if (at + 1 > size(integers)) exit
+      rank = integers(at + 1)
+      if (rank < 0 .or. rank > most_dimensions .or. at + 1 + rank > size(integers)) exit
+      call task%given%declare(text(first:last), int(integers(at)), &
+                              int(integers(at + 2:at + 1 + rank)))
+      at = at + 2 + rank
+      first = last + 2
+    end do
+    if (first < names_end .or. size(integers) - at + 1 /= task%given%n_integers &
+        .or. size(numbers) /= task%given%n_numbers &
+        .or. len(text) - names_end /= task%given%n_letters) then
+      call refuse_call(status)
+      return
+    end if
+    task%given%numbers = numbers
+    task%given%integers = integers(at:)
+    task%given%letters = text(names_end + 1:)
+  end subroutine unpack_call
+
+  subroutine refuse_call(status)
+    type(status_type), intent(inout) :: status
+    call fail(status, status_input_error, 'task', 'task: its names, extents and ' &
+              //'elements do not fit')
+  end subroutine refuse_call
+
+  pure function sizes_of(found) result(sizes)
+    type(named_values), intent(in) :: found
+    integer(i8) :: sizes(3)
+    integer :: i
+    sizes = [found%n_letters, found%n_integers, found%n_numbers]
+    do i = 1, found%n
+      sizes(1) = sizes(1) + len_trim(found%places(i)%name) + 1
+      sizes(2) = sizes(2) + 2 + found%places(i)%rank
+    end do
+    sizes(1) = sizes(1) + 1
+  end function sizes_of
+
+  subroutine pack_found(found, text, integers, numbers)
+    type(named_values), intent(in) :: found
+    character(len=1), intent(out) :: text(:)
+    integer(i8), intent(out) :: integers(:)
+    real(wp), intent(out) :: numbers(:)
+    integer :: i, j, n_text, n
+
+    n_text = 0
+    n = 0
+    do i = 1, found%n
+      associate (place => found%places(i))
+        do j = 1, len_trim(place%name)
+          text(n_text + j) = place%name(j:j)
+        end do
+        n_text = n_text + len_trim(place%name) + 1
+        text(n_text) = ','
+        integers(n + 1) = place%kind
+        integers(n + 2) = place%rank
+        integers(n + 3:n + 2 + place%rank) = place%extents(:place%rank)
+        n = n + 2 + place%rank
+      end associate
+    end do
+    n_text = n_text + 1
+    text(n_text) = ';'
+    do j = 1, int(found%n_letters)
+      text(n_text + j) = found%letters(j:j)
+    end do
+    if (found%n_integers > 0) integers(n + 1:) = found%integers(:found%n_integers)
+    if (found%n_numbers > 0) numbers = found%numbers(:found%n_numbers)
+  end subroutine pack_found
+
+end module viscovib_calls

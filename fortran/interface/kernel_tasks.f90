@@ -1,0 +1,105 @@
+!> Tasks about relaxation kernels. A kernel is given by its kind and parameters as in
+!! `viscovib_catalogue`.
+module viscovib_kernel_tasks
+  use viscovib_catalogue, only: new_kernel
+  use viscovib_kernel_holder, only: kernel_holder
+  use viscovib_kinds, only: wp
+  use viscovib_tabulated, only: unseen_integral
+  use viscovib_task, only: built_kernel, task_type
+  implicit none
+  private
+
+  public :: kernel_task
+
+contains
+
+  !> An object: `kind` (integer), `data` (n).
+  subroutine build_kernel(task)
+    type(task_type), intent(inout) :: task
+    type(built_kernel), allocatable :: own
+    real(wp), pointer, contiguous :: data(:)
+    integer :: kind
+
+    allocate (own)
+    kind = task%get_integer('kind')
+    data => task%get_reals('data')
+    if (task%failed()) return
+    call new_kernel(own%it%kernel, kind, data, task%status)
+    if (.not. task%failed()) call move_alloc(own, task%built)
+  end subroutine build_kernel
+
+  !> What is asked of a kernel at all points at once.
+  subroutine kernel_task(task, name)
+    type(task_type), intent(inout) :: task
+    character(len=*), intent(in) :: name
+    type(kernel_holder), pointer :: kernel
+    real(wp), pointer, contiguous :: points(:)
+    complex(wp), pointer, contiguous :: s(:)
+    complex(wp), allocatable :: transform(:)
+    real(wp), allocatable :: values(:), weights(:), rates(:)
+
+    if (name == 'new') then
+      call build_kernel(task)
+      return
+    end if
+    kernel => task%kernel()
+    if (task%failed()) return
+    associate (kernel => kernel%kernel)
+      select case (name)
+      case ('transform')
+        ! R_c - i R_s at `mu` (n).
+        points => task%get_reals('mu')
+        allocate (transform(size(points)))
+        call transform_at(kernel, points, transform)
+        call task%found%put_complexes('values', transform, shape(transform))
+      case ('laplace')
+        ! At complex `s` (n).
+        s => task%get_complexes('s')
+        allocate (transform(size(s)))
+        call kernel%laplace(s, transform)
+        call task%found%put_complexes('values', transform, shape(transform))
+      case ('value')
+        ! R(t) at `t` (n) > 0.
+        points => task%get_reals('t')
+        allocate (values(size(points)))
+        call kernel%value(points, values)
+        call task%found%put_reals('values', values, shape(values))
+      case ('accumulated')
+        ! integral_0^t R(s) ds at `t` (n) > 0.
+        points => task%get_reals('t')
+        allocate (values(size(points)))
+        call kernel%accumulated(points, values)
+        call task%found%put_reals('values', values, shape(values))
+      case ('integral')
+        ! +infinity where there is none; `unseen`: the part before the first time of a table.
+        call task%found%put_real('integral', kernel%integral())
+        call task%found%put_real('unseen', unseen_integral(kernel))
+      case ('exponentials')
+        ! R(t) as a sum of exponentials from t_min to t_max; empty where there is no such sum.
+        call kernel%exponentials(task%get_real('tolerance'), task%get_real('t_min'), &
+                                 task%get_real('t_max'), weights, rates)
+        call task%found%put_reals('weights', weights, shape(weights))
+        call task%found%put_reals('rates', rates, shape(rates))
+      case default
+        call task%refuse_kind()
+      end select
+    end associate
+  end subroutine kernel_task
+
+  subroutine transform_at(kernel, mu, transform)
+    use viscovib_kernel, only: kernel_type
+    class(kernel_type), intent(in) :: kernel
+    real(wp), intent(in) :: mu(:)
+    complex(wp), intent(out) :: transform(:)
+    !> Parts small enough to stay in cache between the two passes.
+    integer, parameter :: part = 1024
+    real(wp) :: cosine(part), sine(part)
+    integer :: first, m
+    do first = 1, size(mu), part
+      m = min(part, size(mu) - first + 1)
+      call kernel%transform(mu(first:first + m - 1), cosine(:m), sine(:m))
+      transform(first:first + m - 1) = cmplx(cosine(:m), -sine(:m), wp)
+    end do
+  end subroutine transform_at
+
+end module viscovib_kernel_tasks

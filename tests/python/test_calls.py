@@ -1,0 +1,84 @@
+"""The interface to the core: tasks with values by name, and objects by handle."""
+
+import pickle
+import threading
+
+import numpy as np
+import pytest
+import viscovib as vv
+from viscovib import _native
+from viscovib.errors import InputError
+
+
+@pytest.fixture(name="kernel")
+def _kernel():
+    rubber = vv.RzhanitsynKernel(amplitude=0.048, alpha=0.1, beta=0.05)
+    return _native.Handle("kernel new", kind=rubber._kind, data=rubber._data)
+
+
+MU = np.array([0.5, 1.0, 2.0])
+
+
+def test_a_task_finds_the_same_about_an_object_its_copy_and_a_pickled_one(kernel):
+    found = _native.run("kernel transform", kernel, mu=MU)["values"]
+    again = pickle.loads(pickle.dumps(kernel))
+    assert again.number != kernel.number
+    assert np.array_equal(_native.run("kernel transform", again, mu=MU)["values"], found)
+
+
+@pytest.mark.parametrize(
+    ("task", "values", "words"),
+    [
+        ("kernel transfrom", {"mu": MU}, "'kernel transfrom': is not known"),
+        ("kernels", {}, "'kernels': is not known"),
+        ("kernel transform", {}, "mu: must be given to kernel transform"),
+        ("kernel transform", {"mu": 1.0}, "mu: has another type or number of dimensions"),
+        ("kernel transform", {"mu": MU * 1j}, "mu: has another type or number of dimensions"),
+        ("kernel transform", {"mu": MU[np.newaxis]}, "mu: has another type or number"),
+    ],
+)
+def test_a_task_names_what_is_wrong(kernel, task, values, words):
+    with pytest.raises(InputError, match=words):
+        _native.run(task, kernel, **values)
+
+
+def test_a_task_names_the_object_that_it_needs():
+    with pytest.raises(InputError, match="kernel transform: needs a kernel"):
+        _native.run("kernel transform", mu=MU)
+
+
+def test_a_handle_that_was_freed_or_never_made_is_an_error(kernel):
+    freed = pickle.loads(pickle.dumps(kernel))
+
+    class Foreign:
+        number = freed.number
+
+    del freed
+    for number in (Foreign.number, 0, -1, 1 << 62, Foreign.number + 1):
+        Foreign.number = number
+        with pytest.raises(InputError, match="handle: belongs to no object"):
+            _native.run("kernel transform", Foreign, mu=MU)
+
+
+def test_an_object_that_could_not_be_made_leaves_no_handle():
+    with pytest.raises(InputError):
+        _native.Handle("kernel new", kind=1, data=np.zeros(0))
+
+
+def test_threads_make_use_and_free_objects_at_the_same_time(kernel):
+    right = _native.run("kernel transform", kernel, mu=MU)["values"]
+    wrong = []
+
+    def work():
+        for _ in range(300):
+            own = pickle.loads(pickle.dumps(kernel))
+            for one in (own, kernel):
+                if not np.array_equal(_native.run("kernel transform", one, mu=MU)["values"], right):
+                    wrong.append(one)
+
+    threads = [threading.Thread(target=work) for _ in range(8)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert not wrong
