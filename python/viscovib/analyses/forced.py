@@ -1,4 +1,4 @@
-"""Steady motions under given loads: one name and one signature for oscillators and the pendulum."""
+"""Steady motions under given loads: one function for oscillators and the pendulum."""
 
 from __future__ import annotations
 
@@ -87,118 +87,115 @@ def forced_response(
     coordinates: Sequence[str] | None = None,
     progress: bool = False,
 ) -> Response | DrivenResponse:
-    """Steady response of a system to its loads, by harmonic balance.
+    """Compute the steady response of a system to its loads by harmonic balance.
 
-    An oscillator (a mount or a polynomial system) is given a periodic load, or motion of its base,
-    and its frequencies. A pendulum has its loads in itself. With one load, or loads whose
-    frequencies are ratios of small numbers, its motions are periodic; else quasi-periodic, with all
-    combinations of two or three base frequencies.
+    An oscillator (a mount, a polynomial system or a structure) needs a periodic load, or a base
+    motion, and frequencies. The loads of a pendulum are part of the system. With one load, or loads
+    with rational frequency ratios, its motions are periodic. Otherwise they are quasi-periodic,
+    with all combinations of two or three base frequencies.
 
     Parameters
     ----------
     system : Mount, PolynomialSystem, Structure or Pendulum
-        Loads of a pendulum of amplitude or frequency 0 are no oscillations: the former do not act,
-        the latter are constant.
+        Loads of a pendulum with amplitude 0 have no effect; loads with frequency 0 are constant.
     nu : array_like, shape (n,)
-        Circular frequencies of the load (rad/s), each > 0, in any order; an oscillator needs them.
-        Of a pendulum: base frequencies, all loads keeping their ratios to it.
+        Circular frequencies of the load (rad/s), each > 0, in any order. Required for an
+        oscillator. For a pendulum: base frequencies with constant ratios of all loads.
     load : complex, array_like or mapping
-        Of an oscillator: force on the first coordinate (x, N): P sin(nu t); or a vector over the
-        coordinates (of a mount: force on x, moment on phi); or forces by the names of coordinates,
-        {"x3": P}; or a Fourier series {order: any of these}, f(t) = Im sum_k P_k exp(i k nu t),
-        whose mean is the imaginary part of P_0. `fourier_coefficients` makes one from samples.
+        For an oscillator: force on the first coordinate (x, N), P sin(nu t); or a vector over the
+        coordinates (for a mount: force on x, moment on phi); or forces by the names of coordinates,
+        {"x3": P}; or a Fourier series {harmonic: any of these}, f(t) = Im sum_k P_k exp(i k nu t),
+        whose mean is the imaginary part of P_0. `fourier_coefficients` computes it from samples.
     base : complex or mapping
-        Of an oscillator: displacement of the supports (of a mount: in x, m), likewise, along the
-        ``base_direction`` of the system. Of a `PolynomialSystem` or a `Body` also a vector over its
-        coordinates (of a body x, y, z, rx, ry, rz), or amplitudes by their names: each its own. The
-        response stays absolute. Viscous damping acts on the motion relative to the base. A mass
-        matrix that couples coordinates to the supports (block M_fs, as of consistent finite
-        elements) needs the load -M_fs a too, a being the acceleration of the supports.
+        For an oscillator: displacement of the supports (for a mount: in x, m) in the same form,
+        along the ``base_direction`` of the system. For a `PolynomialSystem` or a `Body` also a
+        vector over its coordinates (for a body x, y, z, rx, ry, rz), or amplitudes by name. The
+        response is absolute. Viscous damping acts on the motion relative to the base. A mass matrix
+        that couples coordinates to the supports (block M_fs of consistent finite elements) also
+        needs the load -M_fs a with the acceleration a of the supports.
     p1, p2, p3, f0, m01, m02 : array_like, shape (n,)
-        Of a pendulum, instead of ``nu``: values of one of them in place of its own. Without any a
-        single motion is computed.
+        For a pendulum, instead of ``nu``: values of one of its parameters. Without them a single
+        motion is computed.
     method : {"successive", "newton", "linear"}
-        Of an oscillator. "linear": nonlinear terms left out; "successive": successive
-        approximations from the linear response, which converge where the nonlinear force is small
-        against the dynamic stiffness; "newton": Newton's method, which also passes resonances.
-        There each frequency starts from the one before in the order given, as in a slow sweep:
-        where several motions exist, upwards and downwards may give different ones. Where the branch
-        ends, or at the first frequency, the load is raised from nothing: along the curve of the
-        growing load, through its folds, to where the load is first the whole one.
-        `trace_response` gives all of a branch. A pendulum is solved by Newton's method.
+        For an oscillator. "linear": without nonlinear terms. "successive": successive
+        approximations from the linear response; they converge if the nonlinear force is small
+        compared with the dynamic stiffness. "newton": Newton's method, also through resonances.
+        Each frequency starts from the previous one in the given order, as in a slow sweep. If
+        several motions exist, sweeps up and down may return different motions. At the first
+        frequency, and where the branch ends, the branch is followed in the load from 0 to the full
+        load, through its folds. `trace_response` returns the whole branch. A pendulum always uses
+        Newton's method.
     harmonics : int or "auto"
-        Highest order kept (1 to 399); with several base frequencies highest |k1| + |k2| + ... .
-        "auto": as many as bring the ``truncation`` of the result below ``tolerance``, or as there
-        is room for: those that each motion needs, which is also fastest; with successive
-        approximations the same for all, or for all of a part of a long list. Orders that
-        symmetry rules out are dropped: even ones and the mean, where the load has none.
+        Highest harmonic (1 to 399); with several base frequencies the highest |k1| + |k2| + ... .
+        "auto": as many as each motion needs to bring its ``truncation`` below ``tolerance``, within
+        the maximum number; with successive approximations the same number for all frequencies of a
+        part of the list. Harmonics that are 0 by symmetry are dropped: even ones and the mean, if
+        the load does not contain them.
     tolerance : float
-        Another name of ``rtol``.
+        A second name of ``rtol``.
     rtol, atol : float
-        Errors of the iteration and of the orders left out are wanted within rtol times the size of
-        the motion and atol besides: rtol 1e-14 to 0.1 (1e-10 if neither it nor ``tolerance`` is
-        given), atol in the unit of each coordinate (0 if not given; not of a pendulum). The size
-        of a motion is its largest sqrt(M_ii) (abs(Re X) + abs(Im X)) of all coordinates i and
-        orders, M being the mass matrix, so that metres and radians weigh by inertia; atol counts
-        as that of the lightest coordinate, and so every coordinate keeps it. Of a structure, or a
-        polynomial system of many coordinates, atol is of the displacements across its elements,
-        which the equations left are for.
+        The errors of the iteration and of neglected harmonics are at most rtol times the size of
+        the motion plus atol: rtol 1e-14 to 0.1 (default 1e-10), atol in the unit of each coordinate
+        (default 0; not for a pendulum). The size of a motion is its largest sqrt(M_ii) (abs(Re X) +
+        abs(Im X)) of all coordinates i and harmonics, with the mass matrix M, so metres and radians
+        are weighted by inertia. atol refers to the coordinate with the smallest inertia, so every
+        coordinate satisfies it. For a structure, or a polynomial system of many coordinates, atol
+        refers to the deflections of the elements.
     max_iterations : int
-        Of an oscillator: iterations a frequency, 1 to 100000.
+        For an oscillator: largest number of iterations per frequency, 1 to 100000.
     relaxation : float or "auto"
-        Of an oscillator: fraction of each correction that is taken, in (0, 1]; "auto": start with 1
-        and halve, up to four times, where the iteration does not converge.
+        For an oscillator: fraction of each correction that is applied, in (0, 1]; "auto": start
+        with 1 and halve it up to four times if the iteration does not converge.
     stability : bool
-        Also say whether each motion is stable: by Floquet multipliers, with memory by Hill's
-        determinant (see `Branch`), of quasi-periodic motions by rates of growth. An oscillator
-        needs ``method="newton"``.
+        Also compute the stability of each motion: by Floquet multipliers, with memory by Hill's
+        determinant (see `Branch`), for quasi-periodic motions by growth rates. An oscillator needs
+        ``method="newton"``.
     duration : float
-        Of a pendulum: time over which the rates of a quasi-periodic motion are averaged, 1 to 1e6
-        (default 3000). Rates whose differences are small against 1/duration share their errors;
-        where the errors hide the sign of a rate, stability is unknown.
+        For a pendulum: averaging time of the growth rates of a quasi-periodic motion, 1 to 1e6
+        (default 3000). Rates that differ by less than about 1/duration share their errors. If the
+        error exceeds the rate, stability is unknown.
     subharmonic : int
-        Of a pendulum: period of the motion in periods of the loads, 1 to 20: 2 finds what period
-        doubling leads to.
+        For a pendulum: period of the motion in periods of the loads, 1 to 20. 2 finds motions after
+        a period doubling.
     max_denominator : int
-        Of a pendulum: loads share a base frequency of which they are multiples up to this, 1 to 99;
-        those of ``nu`` or a subharmonic share one if this is so for each pair.
+        For a pendulum: loads with frequency ratios of integers up to this number share a base
+        frequency, 1 to 99; for ``nu`` or a subharmonic this applies to each pair.
     start : tuple, mapping or Trajectory
-        Of an oscillator, with ``method="newton"``: a motion near the first one wanted, as for
-        `trace_response`. A frequency at which Newton's method does not reach a motion from it has
-        no solution; the next one is tried from it again.
+        For an oscillator with ``method="newton"``: a motion near the first one, as for
+        `trace_response`. A frequency at which Newton's method does not converge from it has no
+        solution; the next frequency starts from it again.
     coordinates : sequence of str
-        Of a structure: which of its coordinates the result holds; default all up to 64, else those
-        that elements and loads touch.
+        For a structure: coordinates of the result; by default all up to 64, else those with
+        elements and loads.
     progress : bool
-        Of an oscillator: show a progress bar.
+        For an oscillator: show a progress bar.
 
     Returns
     -------
     Response or DrivenResponse
-        The latter of a pendulum.
+        DrivenResponse for a pendulum.
 
     Raises
     ------
     InputError
-        Naming the argument, its value and what is allowed; also an argument that this kind of
+        With the argument, its value and the allowed values; also for an argument that this kind of
         system does not have.
 
     Warns
     -----
     ConvergenceWarning
-        If some motions were not found; they hold NaN. If the orders kept do not bring the
-        ``truncation`` below ``tolerance``.
+        If some motions were not found (they are NaN), or if ``truncation`` exceeds ``tolerance``.
     StabilityWarning
-        If the stability of motions found is unknown.
+        If the stability of some motions is unknown.
 
     Notes
     -----
-    Source: seed paper 001, (14)-(19), corrected (see the theory pages). Fixed point
-    D(k nu) X_k = P_k - N_k(X) with the harmonics N_k of the nonlinear force from alias-free samples
-    of a period. Of a pendulum: Newton's method with exact derivatives on -w_k^2 X_k = A_k, the
-    harmonics of the accelerations from samples on the torus of the loads' phases; each row starts
-    from those before, else the loads are raised from nothing. A motion raised from rest keeps the
-    symmetry of system and loads, if there is one. Another motion may be found by `trace_response`.
+    Source: seed paper 001, (14)-(19), corrected (see the theory pages). Fixed point D(k nu) X_k =
+    P_k - N_k(X) with the harmonics N_k of the nonlinear force from samples of a period without
+    aliasing. For a pendulum: Newton's method with exact derivatives for -w_k^2 X_k = A_k, the
+    harmonics of the accelerations from samples on the torus of the loads' phases. Each row starts
+    from the previous rows, or the loads are increased from 0. A motion computed from rest has the
+    symmetry of system and loads. `trace_response` finds other motions.
 
     Examples
     --------
@@ -230,7 +227,7 @@ def plan_response(
     relaxation: float | str = 1.0,
     stability: bool = False,
 ) -> Plan:
-    """Say what `forced_response` of an oscillator would compute and skip, and why.
+    """Return the plan of `forced_response` for an oscillator, without computing it.
 
     Parameters
     ----------

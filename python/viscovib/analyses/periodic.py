@@ -1,4 +1,4 @@
-"""Curves of steady motions: one name and one signature for oscillators and the pendulum."""
+"""Branches of steady motions: one function for oscillators and the pendulum."""
 
 from __future__ import annotations
 
@@ -116,113 +116,110 @@ def trace_response(
 ) -> Branch | DrivenBranch:
     """Follow a branch of steady motions through its folds.
 
-    An oscillator is a mount or a polynomial system. One of the ranges says what varies, from where
-    and to where, up or down.
+    An oscillator is a mount, a polynomial system or a structure. One of the ranges selects the
+    parameter that varies and its start and end value, upwards or downwards.
 
     Parameters
     ----------
     system : Mount, PolynomialSystem, Structure or Pendulum
     nu_range : (float, float)
-        Of an oscillator: frequencies (rad/s) of the load.
+        For an oscillator: frequencies (rad/s) of the load.
     load, base
-        Of an oscillator: as for `forced_response`.
+        For an oscillator: as for `forced_response`.
     nu : float or (float, float)
-        Of an oscillator with ``load_range`` or ``vary_range``: the frequency that stays. Of a
-        pendulum: from and to for the base frequency of loads whose ratios of frequencies stay.
+        For an oscillator with ``load_range`` or ``vary_range``: the fixed frequency. For a
+        pendulum: range of the base frequency with constant frequency ratios.
     load_range : (float, float)
-        Of an oscillator: factors of the load.
+        For an oscillator: factors of the load.
     vary, vary_range : str, (float, float)
-        Of an oscillator: a parameter of the system and its values. Of a mount "mass", "inertia",
-        "offset", "stiffness_x", "stiffness_phi", "cubic_scale" or "memory_scale". Of a
-        `PolynomialSystem` an entry, "stiffness[x1,x2]" (for one coordinate "stiffness"), also of
-        mass or damping, with its mirror image if that has the same value; a coefficient of the
-        forces, "forces[x1,x1^2*x2]" ("forces[x^3]"); or a factor of the whole, "mass_scale",
-        "damping_scale", "stiffness_scale", "forces_scale" (those of all springs too),
-        "memory_scale" (of all kernels). "springs[0]." before it means those springs alone.
-        Of a `Structure` "elements[0].stiffness",
-        "elements[0].k3" (k3 a parameter of its law), "elements[0].limit", ".gap" and other numbers
-        of `Jenkins`, `BoucWen`, `Dahl`, `Gap` and `Stop`, or "memory_scale"; modal damping stays.
-        Of a `Body` "mass", "inertia_scale", "center[x]", "mounts[front].stiffness[z]" (its local
-        z), "mounts[front].damping[z]", "mounts[front].position[x]", a factor of all three,
-        "mounts[front].stiffness_scale", or "mounts[front].k3" (k3 a parameter of its laws); and
-        what a `PolynomialSystem` has.
+        For an oscillator: a parameter of the system and its range. Mount: "mass", "inertia",
+        "offset", "stiffness_x", "stiffness_phi", "cubic_scale", "memory_scale". `PolynomialSystem`:
+        an entry, "stiffness[x1,x2]" (for one coordinate "stiffness"), also of mass or damping,
+        together with its mirror image if it has the same value; a coefficient of the forces,
+        "forces[x1,x1^2*x2]" ("forces[x^3]"); one of its parameters; a factor, "mass_scale",
+        "damping_scale", "stiffness_scale", "forces_scale" (including all springs), "memory_scale"
+        (all kernels). The prefix "springs[0]." restricts it to these springs. `Structure`:
+        "elements[0].stiffness", "elements[0].k3" (k3 a parameter of its law), "elements[0].limit",
+        ".gap" and other numbers of `Jenkins`, `BoucWen`, `Dahl`, `Gap` and `Stop`, or
+        "memory_scale"; modal damping is constant. `Body`: "mass", "inertia_scale", "center[x]",
+        "mounts[front].stiffness[z]" (its local z), "mounts[front].damping[z]",
+        "mounts[front].position[x]", a factor of all three, "mounts[front].stiffness_scale",
+        "mounts[front].k3" (k3 a parameter of its laws), and the names of a `PolynomialSystem`.
     p1, p2, p3, f0, m01, m02 : (float, float)
-        Of a pendulum: one of its own frequencies or amplitudes of loads.
+        For a pendulum: range of a frequency or amplitude of its loads.
     at : array_like
-        Values of what varies, in its range, at each of which a point shall lie, as often as the
-        branch gets there.
+        Parameter values in the range. The branch gets a point at each crossing of these values.
     start : tuple, mapping or Trajectory
-        Of an oscillator: a motion nearby to begin at, such as on a closed branch that no sweep
-        meets (an isola) or of a period longer than the load's: ``(result, i)``, the i-th motion of
-        a response or branch; ``{k: X_k}`` with a number of each coordinate; or a `Trajectory`,
-        whose last period, 2 pi over the frequency at which the branch begins, is taken. The branch
-        begins at the value of that motion if the range holds it, else at the beginning of the
-        range. Harmonics keep the symmetry of load and forces unless the motion breaks it.
+        For an oscillator: a nearby motion to start from, for example on a closed branch (an isola)
+        or with a longer period than the load: ``(result, i)``, the i-th motion of a response or
+        branch; ``{k: X_k}`` with a number for each coordinate; or a `Trajectory`, whose last
+        period, 2 pi divided by the start frequency, is used. The branch starts at the parameter
+        value of this motion if the range contains it, else at the start of the range. The motion
+        keeps the symmetry of load and forces unless the start breaks it.
     leave : BranchPoint
-        Follow the branch that crosses another one here, which was traced with the same harmonics,
+        Follow the branch that crosses at this point. The first branch must have the same harmonics,
         loads and ``subharmonic``.
     opposite : bool
-        With ``leave``: the other way.
+        With ``leave``: follow the opposite direction.
     symmetric : bool
-        Keep to motions that share the symmetry of system and loads (of an oscillator that about
-        half a period), where there is one: faster, but blind to branch points where it breaks. None
-        stands for True of an oscillator, False of a pendulum. For period doublings of an oscillator
-        give the load as order 2 and half its frequency.
+        Use only motions with the symmetry of system and loads (for an oscillator: half-wave
+        symmetry) if it exists. This is faster, but symmetry-breaking points are not found. None is
+        True for an oscillator and False for a pendulum. For period doublings of an oscillator pass
+        the load as harmonic 2 with half its frequency.
     harmonics : int or "auto"
-        Highest order kept, with several base frequencies in all. "auto": as many as bring the
-        ``truncation`` of the motions below ``tolerance``. Of an oscillator those that each point
-        needs, up to 63, or 199 if forces are no polynomials (of one coordinate such a point takes
-        some 6 ms with odd orders only, 20 ms with all); to ``leave`` a branch, give it what that
-        was traced with. Of a pendulum 15,
-        6 or 4 at first; the branch is followed again with more until the outermost orders, where
-        they are the largest, are small enough or there is no more room; with ``leave`` those of the
-        branch that is left.
+        Highest harmonic, with several base frequencies in total. "auto": as many as bring
+        ``truncation`` below ``tolerance``. For an oscillator at each point, up to 63, or 199 if
+        forces are not polynomials (such a point of one coordinate takes about 6 ms with odd
+        harmonics, 20 ms with all); with ``leave`` those of the first branch. For a pendulum 15, 6
+        or 4 at first; the branch is followed again with more until the outermost harmonics are
+        small enough; with ``leave`` those of the first branch.
     tolerance : float
-        Another name of ``rtol``.
+        A second name of ``rtol``.
     rtol, atol : float
-        The last correction, and of an oscillator what leaving out orders may change, are within
-        rtol times the size of the motion and atol besides, whatever its size: rtol 1e-14 to 0.1
-        (1e-10 if neither it nor ``tolerance`` is given), atol in the unit of the coordinates (0 if
-        not given), as for `forced_response`. Of a pendulum rtol alone chooses the orders.
+        The last correction, and for an oscillator the effect of neglected harmonics, are at most
+        rtol times the size of the motion plus atol: rtol 1e-14 to 0.1 (default 1e-10), atol in the
+        unit of the coordinates (default 0), as for `forced_response`. For a pendulum rtol alone
+        selects the harmonics.
     **curve
     stability : bool
-        Compute Floquet multipliers; with memory, exponents from Hill's determinant, those that grow
-        counted by the argument principle; with many coordinates that takes longer than the branch
-        itself (0.1 s a point with 20), and beyond 240 unknowns it is not tried.
+        Compute Floquet multipliers; with memory the exponents of Hill's determinant, with a count
+        of the growing ones by the argument principle. With many coordinates this takes longer than
+        the branch itself (0.1 s per point with 20 coordinates). Beyond 240 unknowns it is not
+        computed.
     duration : float
-        Of a pendulum, for quasi-periodic motions: compute rates of growth, averaged over this time,
-        1 to 1e6.
+        For quasi-periodic motions of a pendulum: compute growth rates averaged over this time, 1 to
+        1e6.
     subharmonic, max_denominator
-        Of a pendulum: as for `forced_response`.
+        For a pendulum: as for `forced_response`.
     coordinates : sequence of str
-        Of a structure: which of its coordinates the result holds; default all up to 64, else those
-        that elements and loads touch. ``result.at(...)`` shows others.
+        For a structure: coordinates of the result; by default all up to 64, else those with
+        elements and loads. ``result.at(...)`` returns other coordinates.
     progress : bool
-        Show how many points are done, if that takes longer than half a second.
+        Show the number of points if the computation takes longer than half a second.
 
     Returns
     -------
     Branch or DrivenBranch
-        The latter of a pendulum.
+        DrivenBranch for a pendulum.
 
     Raises
     ------
     InputError
-        Naming the argument, its value and what is allowed; also an argument that this kind of
+        With the argument, its value and the allowed values; also for an argument that this kind of
         system does not have.
 
     Warns
     -----
     ConvergenceWarning
-        If the orders kept leave an estimated error above ``tolerance``, or rounding does.
+        If the error by neglected harmonics or rounding exceeds ``tolerance``.
 
     Notes
     -----
-    Newton's method on the equations of harmonic balance with exact derivatives;
-    pseudo-arclength continuation (Keller 1977), steps by the angle between tangents; folds located
-    to rounding of the parameter. Branch points are where the determinant of the bordered
-    derivatives changes its sign. With ``subharmonic=2`` period doublings of a pendulum, such as the
-    parametric resonance of one that swings under f0 alone, are branch points.
+    Newton's method for the harmonic balance equations with exact derivatives; pseudo-arclength
+    continuation (Keller 1977) with the step size controlled by the angle between tangents. Folds
+    are located to the rounding error of the parameter. At branch points the determinant of the
+    bordered derivatives changes sign. With ``subharmonic=2`` period doublings of a pendulum, such
+    as the parametric resonance under f0 alone, are branch points.
 
     Examples
     --------
@@ -285,52 +282,52 @@ def backbone(
     progress: bool = False,
     **curve: Unpack[CurveKeywords],
 ) -> Backbone:
-    """Follow the free motions that grow from a linear mode: frequency against amplitude.
+    """Follow the free motions that start from a linear mode: frequency against amplitude.
 
-    Damping, loads and memory are left out: springs act as at once, with their full stiffness.
+    Damping, loads and memory are omitted. Springs have their full (instantaneous) stiffness.
 
     Parameters
     ----------
     system : Mount, PolynomialSystem, Structure or Pendulum
-        Of a pendulum with printed equations the mode of z only: their swings keep no energy, and
-        are not periodic.
+        For a pendulum with printed equations only the mode of z, because its swinging motions do
+        not conserve energy.
     mode : int
-        The linear mode, counted from 0 by rising frequency; of a pendulum as in
+        Index of the linear mode, from 0 by increasing frequency; for a pendulum as in
         `Pendulum.natural_frequencies`.
     amplitude_range : (float, float)
-        First harmonic of a coordinate from which (small) and to which the curve is followed.
+        First harmonic of a coordinate at the (small) start and at the end of the curve.
     energy_range : (float, float)
-        Of a pendulum, instead: energies (`Pendulum.energy`).
+        For a pendulum, alternatively: energies (`Pendulum.energy`).
     dof : str, optional
-        The coordinate of ``amplitude_range``; default the one that moves most in the mode, of an
-        oscillator weighed by the root of its inertia.
+        The coordinate of ``amplitude_range``; by default the one with the largest motion in the
+        mode, for an oscillator weighted by the square root of its inertia.
     leave : BackbonePoint
-        Of a pendulum: follow the family that crosses another one here, which was traced with the
-        same modes, harmonics and ``subharmonic``.
+        For a pendulum: follow the branch that crosses at this point. The first branch must have the
+        same mode, harmonics and ``subharmonic``.
     opposite : bool
-        With ``leave``: the other way.
+        With ``leave``: follow the opposite direction.
     symmetric : bool
-        Of a pendulum: keep to motions that are mirrored in phi and psi half a period later (of the
-        mode of z: that do not swing): faster, but blind to branch points where the symmetry breaks.
+        For a pendulum: use only motions that are mirrored in phi and psi after half a period (for
+        the mode of z: without swinging). This is faster, but symmetry-breaking points are not
+        found.
     harmonics : int or "auto"
-        Highest order kept of the mode's frequency. "auto": 9 at first; the curve is followed again
-        with more until `Backbone.truncation` is below ``tolerance`` all along it, up to 63; to
-        ``leave`` a curve, as many as that has at first.
+        Highest harmonic of the mode's frequency. "auto": 9 at first; the curve is followed again
+        with more until `Backbone.truncation` is below ``tolerance`` everywhere, up to 63; with
+        ``leave`` those of the first branch.
     tolerance : float
-        Another name of ``rtol``.
+        A second name of ``rtol``.
     rtol, atol : float
-        The last correction is within rtol times the size of the motion and atol besides, whatever
-        its size, and what leaving out orders may change within rtol times it: rtol 1e-14 to 0.1
-        (1e-10 if neither it nor ``tolerance`` is given), atol in the unit of the coordinates (0 if
-        not given).
+        The last correction is at most rtol times the size of the motion plus atol, and the effect
+        of neglected harmonics is at most rtol times the size: rtol 1e-14 to 0.1 (default 1e-10),
+        atol in the unit of the coordinates (default 0).
     **curve
     stability : bool
-        Of a pendulum: compute Floquet multipliers, unless this is False.
+        For a pendulum: compute Floquet multipliers.
     subharmonic : int
-        Of a pendulum: period of the motions in periods of the mode, 1 to 20: 2 finds the swings
-        that the motion in z feeds.
+        For a pendulum: period of the motions in periods of the mode, 1 to 20: 2 finds the swinging
+        motions that the motion in z excites.
     coordinates : sequence of str
-        Of a structure: which of its coordinates the result holds, as for `trace_response`.
+        For a structure: coordinates of the result, as for `trace_response`.
     progress : bool
         As for `trace_response`.
 
@@ -341,20 +338,20 @@ def backbone(
     Raises
     ------
     InputError
-        Naming the argument, its value and what is allowed; also an argument that this kind of
+        With the argument, its value and the allowed values; also for an argument that this kind of
         system does not have.
 
     Warns
     -----
     ConvergenceWarning
-        If the orders kept do not bring `Backbone.truncation` below ``tolerance``.
+        If `Backbone.truncation` exceeds ``tolerance``.
 
     Notes
     -----
-    Without losses the equations keep their form when time runs backwards; motions that begin at
-    rest are even in time, which settles their phase. Harmonic balance for a_k and nu, followed by
-    pseudo-arclength continuation. Where modes interact the curve may turn back in amplitude or
-    energy. Branch points are where the determinant of the bordered derivatives changes its sign.
+    Without damping the equations are invariant under time reversal. Motions with zero initial
+    velocity are even in time, which determines their phase. Harmonic balance for a_k and nu with
+    pseudo-arclength continuation. With internal resonances the curve may turn back in amplitude or
+    energy. At branch points the determinant of the bordered derivatives changes sign.
 
     Examples
     --------

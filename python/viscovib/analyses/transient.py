@@ -1,4 +1,4 @@
-"""Motion in time: fixed-step integration of every system."""
+"""Motion in time with fixed step size, for every system."""
 
 from __future__ import annotations
 
@@ -90,116 +90,114 @@ def simulate(
     estimate_error: bool = False,
     progress: bool = False,
 ) -> Trajectory:
-    """Integrate a motion from t = 0, or on from an earlier one, to t_end in equal steps.
+    """Integrate a motion from t = 0, or from the end of an earlier run, to t_end in equal steps.
 
     Parameters
     ----------
     system : Pendulum, Mount, PolynomialSystem or Structure
     t_end : float
-        End of the run, after its start.
+        End time, after the start.
     dt : float or "auto"
-        Step, shortened so that a whole number of steps reaches t_end. "auto": halved from about
-        a quarter of the fastest linear period until halving changes the kept states by no more
-        than ``tolerance``. So many states are kept then (up to 100 000, and unless all of the past
-        is kept) that no peak between them is higher by more than 1/500 of the largest displacement.
-        Of a pendulum, what roundings of its numbers grow to must be within ``tolerance``, too.
+        Step size, shortened so that a whole number of steps reaches t_end. "auto": the step size is
+        halved, starting from about a quarter of the shortest linear period, until the kept states
+        change by at most ``tolerance``. The number of states kept (up to 100 000) is then large
+        enough that no peak between them exceeds them by more than 1/500 of the largest
+        displacement. Amplified rounding errors must also be within ``tolerance``.
     initial : array_like, shape (2 n_dof,)
-        State at t = 0, each coordinate with its velocity: (x, x_dot, y, y_dot, ...), of a
-        pendulum (z, z', phi, phi', psi, psi'). None: at rest, or where it was ``held``; a pendulum
-        needs one.
+        State at t = 0, each coordinate with its velocity: (x, x_dot, y, y_dot, ...), for a pendulum
+        (z, z', phi, phi', psi, psi'). None: at rest, or the position ``held``. Required for a
+        pendulum.
     resume : Trajectory
-        Continue this run instead, with its system, step, method and past. Without a load it is
-        as if the run had never stopped, bit for bit where all steps are equal (not under tables).
-        A kernel that is fitted by exponentials is so for the first ``t_end``: there the two agree
-        to the tolerance only. If any of ``load``,
-        ``base`` and ``force`` is given, these act from there on instead of all that acted
-        before, time running on (``load=0``: none); a pendulum may have other loads. Where a
-        fitted kernel must resolve the jump, the past is computed once more.
+        Continue this run with its system, step size, method and history. Without new loads the
+        result equals an uninterrupted run, bit for bit if all steps are equal (not with tables). A
+        kernel that is fitted by exponentials is fitted for the first ``t_end``, so the two agree to
+        the tolerance. If any of ``load``, ``base`` and ``force`` is given, these replace all
+        previous loads from now on, with continuing time (``load=0``: none). A pendulum may have
+        other loads. If a fitted kernel must resolve the jump, the earlier run is computed again.
     method : str
-        Of a pendulum: "gauss8", "gauss16", "gauss2", "gauss3": Gauss-Legendre collocation of
-        that many nodes (order twice as high), symplectic; "rk4"; "dop8": Dormand and Prince,
-        order 8; "verner8", "verner9": Verner's efficient methods of order 8 and 9. "auto" is
-        "gauss8", the fastest for one trajectory at every accuracy.
-        Of a mount: "gauss2", "gauss3", "gauss4", "gauss6" or "gauss8", the accelerations being
-        collocated and what is remembered a polynomial through the nodes and both ends; "auto"
-        is "gauss8".
-        A polynomial system without memory, of at most 6 coordinates and under nothing but a
-        ``force`` and a ``load`` of orders up to 399, has both; else those of a mount, as a
-        structure has.
+        For a pendulum: "gauss8", "gauss16", "gauss2", "gauss3": Gauss-Legendre collocation with
+        this number of nodes (twice the order), symplectic; "rk4"; "dop8": Dormand and Prince, order
+        8; "verner8", "verner9": Verner's efficient methods of order 8 and 9. "auto" is "gauss8",
+        the fastest for one trajectory at every accuracy. For a mount: "gauss2", "gauss3", "gauss4",
+        "gauss6" or "gauss8", collocation of the accelerations, with hereditary forces as
+        polynomials through the nodes and both ends; "auto" is "gauss8". A polynomial system without
+        memory, with at most 6 coordinates, under a ``force`` and a ``load`` with harmonics up to
+        399 only, has both groups of methods. All other systems have those of a mount.
     tolerance : float
-        Wanted absolute error of the kept states, 1e-13 to 1. With ``dt="auto"`` (default 1e-10)
-        the step is found by it. With ``dt`` given it only says how far the equations of a
-        step are solved, and how well kernels are represented (default: to rounding).
+        Absolute error of the kept states, 1e-13 to 1. With ``dt="auto"`` (default 1e-10) it
+        determines the step size. With a given ``dt`` it is only the accuracy of the equations of a
+        step and of the sums of exponentials (default: rounding error).
     rtol, atol : float
-        With ``dt="auto"``, instead of ``tolerance``: each coordinate and velocity is wanted within
-        atol + rtol times its largest value of the run (rtol 1e-13 to 1; atol 0 if not given).
+        With ``dt="auto"``, instead of ``tolerance``: the error of each coordinate and velocity is
+        at most atol + rtol times its largest value in the run (rtol 1e-13 to 1; default of atol:
+        0).
     load, nu, base
-        Not of a pendulum: periodic load, its frequency and motion of the base, as for
-        ``forced_response``; a constant force F is ``load={0: 1j * F}``. ``base`` may be a
-        `LoadTable` instead, displacements in time: the springs' memory sees them too. States are
-        those of the body, not relative to the base; without ``initial`` it is at rest at 0.
+        Not for a pendulum: periodic load, its frequency and base motion, as for
+        ``forced_response``; a constant force F is ``load={0: 1j * F}``. ``base`` may also be a
+        `LoadTable` of displacements in time. States are absolute, not relative to the base. Without
+        ``initial`` the body is at rest at 0.
     force : LoadTable
-        Not of a pendulum: any load in time, besides the periodic one. Steps end on its corners
-        and ends; with ``dt`` given, states are kept at equal times all the same.
+        Not for a pendulum: any load in time, added to the periodic one. Steps end on its corners
+        and ends. With a given ``dt`` the states kept are still equidistant.
     held : array_like, shape (n_dof,), or Past
-        Of a mount: displacement relative to the base held for all t < 0, or any motion before
-        it, which its springs remember; None: at rest. Without ``initial`` the body begins at this
-        displacement as it is, wherever a moving base is at t = 0.
+        For systems with memory: displacement relative to the base held for all t < 0, or any
+        earlier motion; None: at rest. Without ``initial`` the body starts at this displacement,
+        whatever the position of a moving base at t = 0.
     memory : {"auto", "exponentials", "direct"}
-        Of a mount with kernels: "exponentials": each kernel as a sum of exponentials, at a cost
-        that does not grow with time; "direct": all of the past at every step, exact for any
-        kernel, at a cost that grows with the square of the time. "auto": exponentials where the
-        kernels are such sums, else direct.
+        For kernels. "exponentials": each kernel is a sum of exponentials, with a cost that does not
+        grow with time. "direct": the whole history at every step, exact for any kernel, with a cost
+        that grows with the square of the time. "auto": exponentials if the kernels are or can be
+        such sums, else direct.
     times : array_like, shape (n,)
-        Keep the states at these ascending times instead: of a pendulum each by a step of its own
-        from the step before it, of a mount by the polynomial of the step.
+        Keep the states at these ascending times instead; for a pendulum by separate steps, for a
+        mount by the polynomial of the step.
     save_every : int
-        Keep every so many-th step.
+        Keep every n-th step.
     keep : {"all", "tail", "last"}
-        "tail": what lies in the last ``tail`` units of time, and the state before unless one lies
-        there; "last": only the last state. Nothing else is stored.
+        "tail": states in the last ``tail`` units of time, and the state before; "last": the final
+        state only.
     tail : float
-        Length of the part that ``keep="tail"`` keeps.
+        Length of the part for ``keep="tail"``.
     coordinates : sequence of str, optional
-        Of a structure: the coordinates kept; None: all of up to 64, else those that loads and
-        elements act on, 64 at most. Deflections of the elements are kept besides.
+        For a structure: the coordinates kept; None: all up to 64, else those with loads and
+        elements, at most 64. The deflections of the elements are kept too.
     events : sequence of str or Event, optional
-        Functions of coordinates and velocities of which passages through 0 are wanted; see `Event`
-        and `Trajectory.events`. They are found by the polynomials of the steps, also where they
-        last less than a step, and located without memory by steps of their own.
+        Functions of coordinates and velocities whose sign changes are located; see `Event` and
+        `Trajectory.events`. Events shorter than a step are found too.
     estimate_error : bool
-        With ``dt`` given, run once more in half steps, from the first start on, and report the
-        largest difference of the states kept. In thirds, too, where steps go over kinks of laws,
-        with what halves and thirds differ by added; with numbers that are other by 1e-12 where
-        these do not tell what roundings become.
+        With a given ``dt``: run again with half the step size from the first start, and report the
+        largest difference of the kept states. If steps cross kinks of laws, also with a third of
+        the step size, and the difference between both is added. If these runs do not show amplified
+        rounding errors, a run with numbers changed by 1e-12 is added.
     progress : bool
         Show a progress bar.
 
     Warns
     -----
     ConvergenceWarning
-        If the given steps do not resolve a motion with memory (``Trajectory.resolution``).
+        If the given step size does not resolve a motion with memory (``Trajectory.resolution``).
     StabilityWarning
         If a mount's kernel has an integral of 1 or more: free motion creeps away, and a run from
         rest does not settle on the steady response.
 
     Notes
     -----
-    Phases of the loads are carried in two doubles, so that long runs lose no digits; the state
-    with compensated summation. With memory, a first step that is not from rest without load is
-    made of panels that double their length from 1e-13 of it on, since the start is singular.
+    Phases of the loads are stored in two doubles, so long runs keep their accuracy. The state is
+    summed with compensation. With memory, a first step that is not from rest without load consists
+    of panels that double in length from 1e-13 of the step on, because the start is singular.
 
-    Of a structure the modes of its linear rest go from step to step exactly, under periodic loads
-    and tables too; the step only has to resolve the forces of its elements, polynomials through
-    the nodes of a step. A step costs as many operations as there are modes, times its nodes. Its
-    methods are those of a mount. A smooth polynomial system of more than 64 coordinates goes the
-    same way.
-    Where laws have kinks or states, steps end at their switches in structures and polynomial
-    systems of at most 512 coordinates without ``memory="direct"``, which keeps the past at whole
-    steps: by the methods of a pendulum, of which more than 6 coordinates have "gauss8", "gauss2"
-    and "gauss3", those with memory "gauss8". Kernels that are no sums of exponentials are
-    replaced by such sums, fitted for the step; tables of points cannot be. Where a table ends
-    above 0 and the motion begins with a displacement, steps end at the times of the table.
+    The modes of the linear subsystem of a structure are exact in each step, under periodic loads
+    and tables too. The step size only resolves the forces of its elements, which are polynomials
+    through the nodes of a step. The cost of a step is the number of modes times its nodes. Its
+    methods are those of a mount. A smooth polynomial system of more than 64 coordinates is treated
+    in the same way.
+
+    If laws have kinks or internal states, steps end at their switches in structures and polynomial
+    systems of at most 512 coordinates, except with ``memory="direct"``. The methods are those of a
+    pendulum; more than 6 coordinates have "gauss8", "gauss2" and "gauss3", systems with memory
+    "gauss8". Kernels that are not sums of exponentials are replaced by such sums, fitted for the
+    step size; tables of points cannot be. If a table ends above 0 and the motion starts with a
+    displacement, steps end at the times of the table.
 
     Examples
     --------

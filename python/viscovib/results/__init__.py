@@ -1,1 +1,1 @@
-"""What analyses return."""
+"""Results of analyses."""

@@ -1,4 +1,4 @@
-"""Quasi-periodic motions by multiple scales: lines, and what follows from them."""
+"""Beating (quasi-periodic) motions by multiple scales."""
 
 from __future__ import annotations
 
@@ -28,29 +28,29 @@ _STARTS, _TRIES, _ROUNDS = 4000, 12, 40
 
 @dataclass(frozen=True, eq=False, repr=False)
 class BeatingMotion(Result):
-    """A motion under several loads that no frame makes stand still, as a sum of lines.
+    """A quasi-periodic motion under several loads, as a sum of lines.
 
     u(t) = mean + sum_k Re X_k exp(i f_k t + i n_k . c), where n_k are the multiples of the loads'
-    frequencies that make up f_k, and c the phases of the loads.
+    frequencies in f_k, and c the phases of the loads.
 
     Attributes
     ----------
     value : float
-        Of the parameter varied.
+        Value of the parameter that varies.
     n_beats : int
-        Number of incommensurate frequencies with which amplitudes beat.
+        Number of incommensurate beat frequencies of the amplitudes.
     frequencies : ndarray, shape (n_lines,)
         Circular frequencies f_k (rad/s), ascending, the mean (0) first.
     harmonics : complex ndarray, shape (n_lines, n_dof)
-        X_k; of the mean its value.
+        X_k; for the mean its value.
     errors : ndarray, shape (n_dof,)
         Estimated error of a coordinate at any time, and so of each line, ``mean``, ``rms`` and
         ``largest``.
     growth : float
-        Mean exponential growth of small disturbances (1/s); below 0 neighbours come back. Of the
-        modulation equations; where their error does not decide, of the full equations.
+        Mean exponential growth of small perturbations (1/s); negative: stable. It is that of the
+        modulation equations, or of the full equations if the error of the former exceeds it.
     growth_error : float
-        Estimated error of it.
+        Estimated error of ``growth``.
     loads : dict
         Frequencies of the loads by name (rad/s).
 
@@ -79,12 +79,12 @@ class BeatingMotion(Result):
 
     @property
     def complete(self) -> bool:  # type: ignore[override]
-        """Whether there are lines at all."""
+        """True if lines were found."""
         return self.frequencies.size > 0
 
     @property
     def stable(self) -> bool | None:
-        """Whether neighbours come back; None where ``growth_error`` exceeds the growth."""
+        """True if perturbations decay; None if ``growth_error`` exceeds the growth."""
         return None if abs(self.growth) <= self.growth_error else self.growth < 0
 
     def _headline(self) -> str:
@@ -97,9 +97,9 @@ class BeatingMotion(Result):
 
     @cached_property
     def orders(self) -> FloatArray:
-        """Multiples n of the loads' frequencies that make up each line, shape (n_lines, n_loads).
+        """Multiples n of the loads' frequencies in each line, shape (n_lines, n_loads).
 
-        Whole numbers, or halves; the smallest that do, NaN where none within reach do.
+        They are integers or half integers, the smallest that fit; NaN if none within reach fits.
         """
         p = np.array(list(self.loads.values()))
         top = _HIGHEST[min(p.size, 6)]
@@ -127,10 +127,10 @@ class BeatingMotion(Result):
 
     @cached_property
     def largest(self) -> FloatArray:
-        """The least bound of the size of each coordinate, shape (n_dof,).
+        """Smallest upper bound of the absolute value of each coordinate, shape (n_dof,).
 
-        Over all phases of the loads: in time it is approached as closely as one likes where their
-        frequencies have no ratio in whole numbers, and may not be reached where they have.
+        The bound is over all phases of the loads. For incommensurate frequencies the motion comes
+        arbitrarily close to it. For commensurate frequencies it may not be reached.
         """
         known = np.isfinite(self.orders).all(axis=1)
         angles = np.random.default_rng(0).uniform(0, 4 * np.pi, (_STARTS, self.orders.shape[1]))
@@ -143,7 +143,7 @@ class BeatingMotion(Result):
         return np.asarray(found)
 
     def lines(self, dof: str) -> list[tuple[float, float, tuple[float, ...]]]:
-        """(frequency, amplitude, multiples of the loads') of a coordinate, the largest first."""
+        """Return (frequency, amplitude, multiples) of a coordinate, the largest amplitude first."""
         d = self.dof_names.index(_native.choice("dof", dof, self.dof_names))
         sizes = np.abs(self.harmonics[:, d])
         order = np.argsort(-sizes, kind="stable")
@@ -154,7 +154,7 @@ class BeatingMotion(Result):
         ]
 
     def to_dataset(self) -> xr.Dataset:
-        """Lines and what follows from them as an xarray Dataset."""
+        """Return the lines and the derived values as an xarray Dataset."""
         import xarray as xr
 
         return xr.Dataset(
@@ -177,7 +177,7 @@ class BeatingMotion(Result):
         )
 
     def at(self, t: npt.ArrayLike) -> FloatArray:
-        """Coordinates at times t, all loads being cosines, shape (n, n_dof)."""
+        """Return the coordinates at times t, all loads being cosines, shape (n, n_dof)."""
         times = _native.real_array("t", t, ndim=1)
         waves = np.exp(1j * np.outer(times, self.frequencies))
         return np.ascontiguousarray((waves @ self.harmonics).real)

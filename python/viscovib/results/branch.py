@@ -1,4 +1,4 @@
-"""Branches of periodic solutions, as they are found by continuation."""
+"""Branches of periodic solutions, computed by continuation."""
 
 from __future__ import annotations
 
@@ -42,72 +42,70 @@ class Branch(PeriodicMotions, Curve):
     nu : ndarray, shape (n,)
         Circular frequencies (rad/s).
     load_factor : ndarray, shape (n,)
-        Factor of the load given.
+        Factor of the load.
     harmonics : ndarray of int, shape (m,)
-        Orders k kept.
+        Harmonics k that are kept.
     coefficients : complex ndarray, shape (n, n_dof, m)
         X_k.
     stable : ndarray of bool, shape (n,), or None
-        None: unknown (too stiff for the Floquet solver) or not asked for. If it is unknown of some
-        motions only, as where too few harmonics were kept to tell, the array holds objects, True,
-        False and None.
+        Stability of each motion. None: not requested, or unknown because the system is too stiff
+        for the Floquet solver. If the stability of some motions is unknown, the array contains
+        objects: True, False and None.
     growing : ndarray of int, shape (n,), or None
-        How many disturbances grow; -1: unknown.
+        Number of growing perturbations; -1: unknown.
     multipliers : complex ndarray, shape (n, 2 n_dof), or None
-        Floquet multipliers, largest first, NaN where unknown; with memory exp(2 pi exponents/nu).
+        Floquet multipliers, largest first, NaN if unknown; with memory exp(2 pi exponents/nu).
     exponents : complex ndarray, shape (n, m), or None
-        Exponents lambda (1/s) of disturbances exp(lambda t) times a periodic function, largest real
-        part first, modulo i nu (of motions symmetric about half a period: 2 i nu; there Im lambda =
-        nu at a breaking of the symmetry). With memory those that grow are complete, or all of a
-        motion's are NaN; of those that decay some may lack; NaN behind the last.
+        Exponents lambda (1/s) of perturbations exp(lambda t) times a periodic function, largest
+        real part first, modulo i nu (2 i nu for motions with half-wave symmetry, where Im lambda =
+        nu at symmetry breaking). With memory the growing exponents are complete, or all exponents
+        of the motion are NaN. Some decaying exponents may be missing.
     slowest : ndarray of bool, shape (n,), or None
-        True: no disturbance decays more slowly than the first multiplier says. False: some may. The
-        search may have failed, or memory itself fades more slowly: right of the rate at which it
-        does, exponents are counted; further left no multiplier says how disturbances decay. Memory
-        of a Rabotnov kernel fades like a power of time, more slowly than any exponential.
+        True: no perturbation decays more slowly than the first multiplier. False: a slower
+        perturbation may exist, because the search failed or because the kernel itself relaxes more
+        slowly. The kernel of Rabotnov relaxes as a power of time, more slowly than any exponential.
     folds : ndarray, shape (n_folds,)
-        Where the branch turns back: values of what varies (nu, or the load factor). Where a closed
-        branch began by leaving another, it has neither a fold nor a branch point, though it turns
-        back there at a symmetry breaking: a branch between two of these lists the other one only.
+        Parameter values at which the branch turns back. The start of a closed branch at a branch
+        point of a second branch is not listed.
     fold_errors : ndarray, shape (n_folds,)
-        Estimated error of each, in the unit of what varies: what leaving out harmonics, and
-        rounding, move it by.
+        Estimated error of each fold by neglected harmonics and rounding, in the unit of the
+        parameter.
     fold_coefficients : complex ndarray, shape (n_folds, n_dof, m)
+        X_k at each fold.
     fold_coefficient_errors : ndarray, shape (n_folds,)
-        Estimated error of the motion at each fold, relative to its size: of the harmonics left out
-        and of rounding.
+        Estimated error of the motion at each fold by neglected harmonics and rounding, relative to
+        its size.
     branch_points : tuple of BranchPoint
-        Where others branch off: each may be given to `trace_response` as ``leave``.
+        Points at which a second branch crosses. Pass one of them to `trace_response` as ``leave``.
     crossings : tuple of Crossing
-        Changes of stability, located to 1e-8 or better of what varies, for the motion of the
-        harmonics kept: beside points with a ``truncation`` above the tolerance the whole motion
-        may change elsewhere, by some times that truncation.
+        Bifurcation points, located to 1e-8 or better on the motions with the harmonics kept. If
+        ``truncation`` of a neighbouring point exceeds the tolerance, the converged motion may
+        bifurcate at a different value.
     stops : ndarray of int
-        Which points lie at the values asked for.
+        Indices of the points at the values of ``at``.
     outcome : str
-        "completed"; "returned": back at the beginning, another branch leads on; "step limit":
-        max_points reached; "fold limit": max_folds reached; "stuck": no smaller step helps,
-        or steps go to and fro; "overflow"; "closed": back at the first point; "unphysical": at the
-        end of the values that make a system.
+        "completed"; "returned": back at the start, a second branch continues; "step limit":
+        max_points reached; "fold limit": max_folds reached; "stuck": no smaller step size helps, or
+        steps alternate; "overflow"; "closed": back at the first point; "unphysical": at the limit
+        of valid parameter values.
     error : ndarray, shape (n,)
-        Estimated error of the motion of each point at its value of what varies, relative to its
-        size: what the last correction and rounding leave. At very light damping that is rounding
-        divided by the damping, and may exceed ``tolerance``; beside a fold, where a small change
-        of what varies is a large one of the motion, it may too, though the point is on its curve.
+        Estimated relative error of each motion at its parameter value by the last correction and
+        rounding. With very small damping it is the rounding error divided by the damping and may
+        exceed ``tolerance``. It may also exceed it near a fold, where the motion changes fast with
+        the parameter.
     varies : str
         "nu", "load_factor" or a parameter of the system.
     parameter : ndarray, shape (n,)
-        Its values.
+        Values of the parameter that varies.
     highest : ndarray of int, shape (n,)
-        Highest order kept at each point.
+        Highest harmonic of each point.
     truncation : ndarray, shape (n,)
-        Estimated relative change of the motion of each point, at its value of what varies, if all
-        orders were kept. Beside a fold a small change of what varies is a large one of the motion:
-        there it exceeds ``tolerance``, up to 1 ("this motion may not be there at that value"),
-        though orders are chosen so that the point lies within ``tolerance`` of the curve of all
-        orders; ``fold_errors`` tell how far folds move. Warnings and `complete` ask for the latter.
+        Estimated relative error of each motion at its parameter value by neglected harmonics. Near
+        a fold it exceeds ``tolerance``, up to 1 (the motion may not exist at this value), although
+        the point is within ``tolerance`` of the converged branch. ``fold_errors`` estimates the
+        shift of the folds. Warnings and `complete` refer to the distance from the branch.
     plan : Plan
-        What was computed, what was skipped and why.
+        What was computed, and what was skipped and why.
 
     Examples
     --------
@@ -173,7 +171,7 @@ class Branch(PeriodicMotions, Curve):
 
     @property
     def label(self) -> str:
-        """What varies, for the axis of a picture."""
+        """Axis label of the parameter."""
         if self.varies == "nu":
             return r"circular frequency of the load $\nu$ (rad/s)"
         name = "factor of the load" if self.varies == "load_factor" else self.varies
@@ -207,7 +205,7 @@ class Branch(PeriodicMotions, Curve):
 
     @property
     def complete(self) -> bool:  # type: ignore[override]
-        """Whether all of the branch was followed, with enough harmonics."""
+        """True if the whole branch was followed with enough harmonics."""
         return self.outcome == "completed" and not self._few.any()
 
     def _motions(self) -> tuple[FloatArray, npt.NDArray[Any], ComplexArray]:
@@ -264,7 +262,7 @@ class Branch(PeriodicMotions, Curve):
         return self._parts.relative(self.harmonics, self.coefficients, factors)
 
     def dissipation(self) -> FloatArray:
-        """As of `Response`; of a branch over the frequency or the load."""
+        """Energy loss per period as in `Response`; for branches over the frequency or the load."""
         self._check_loses()
         assert self._parts is not None
         return self._parts.dissipated(
@@ -288,7 +286,7 @@ class Branch(PeriodicMotions, Curve):
         return self.coefficients
 
     def to_dataset(self) -> xr.Dataset:
-        """Everything as an xarray Dataset over the points."""
+        """Return all data as an xarray Dataset over the points."""
         import xarray as xr
 
         data: dict[str, Any] = {

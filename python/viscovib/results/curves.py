@@ -1,4 +1,4 @@
-"""What branches of either system share: their points, changes of stability, where others leave."""
+"""Common parts of all branches: points, bifurcation points, branch points."""
 
 from __future__ import annotations
 
@@ -29,18 +29,19 @@ CROSSINGS = ("fold", "branch point", "symmetry breaking", "period doubling", "Ne
 
 @dataclass(frozen=True)
 class Crossing:
-    """Where stability changes along a branch: between two of its points.
+    """A bifurcation point of a branch, between two of its points.
 
     ``kind`` is "fold", "branch point" (a multiplier 1 where the branch does not turn back),
-    "symmetry breaking", "period doubling" or "Neimark-Sacker"; ``before`` is the index of the last
-    point before it. ``parameter`` and ``coefficients`` (shape (n_dof, m), not for the pendulum):
-    where, and the motion there; None where that was not found. ``sure``: whether the stability of
-    both points beside it is known. ``error``: how far off ``parameter`` may be, by harmonics left
-    out (a balance of twice the orders is asked for the same place), by the search and by rounding;
-    inf where twice the orders have no such place nearby, None where ``parameter`` is.
-    Where stability beside it is not known (``stable`` is None there), as harmonics are too
-    few to tell it or a multiplier is too near to the unit circle, the crossing is one of the motion
-    as it is: the whole motion may change its stability elsewhere, or in another way.
+    "symmetry breaking", "period doubling" or "Neimark-Sacker". ``before`` is the index of the last
+    point before it. ``parameter`` and ``coefficients`` (shape (n_dof, m), not for the pendulum) are
+    its location and motion; None if they were not found. ``sure`` is True if the stability of both
+    neighbouring points is known. ``error`` estimates the error of ``parameter`` by neglected
+    harmonics (from a balance with twice the harmonics), by the search and by rounding; inf if no
+    such point exists nearby with twice the harmonics, None without ``parameter``.
+
+    If ``sure`` is False, a multiplier is too close to the unit circle or there are too few
+    harmonics. The crossing then belongs to the truncated motion; the converged motion may bifurcate
+    at a different location or in a different way.
 
     Examples
     --------
@@ -70,12 +71,12 @@ class Crossing:
         place = "" if self.parameter is None else f" at {self.parameter:.15g}"
         if self.error is not None:
             place += f" (error {self.error:.1e})"
-        unsure = "" if self.sure else " (not sure: stability beside it is unknown)"
+        unsure = "" if self.sure else " (not sure: stability of a neighbour is unknown)"
         return f"stability changes after point {self.before + 1}: {self.kind}{place}{unsure}"
 
 
 def crossing_variables(crossings: Sequence[Crossing]) -> dict[str, Any]:
-    """Crossings as variables of a Dataset, without their motions; NaN: place not found."""
+    """Return crossings as variables of a Dataset, without their motions; NaN: no location."""
     places = [np.nan if one.parameter is None else one.parameter for one in crossings]
     errors = [np.nan if one.error is None else one.error for one in crossings]
     return {
@@ -89,11 +90,11 @@ def crossing_variables(crossings: Sequence[Crossing]) -> dict[str, Any]:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class BranchPoint(Value):
-    """Where another branch leaves: value of what varies, X_k there, last point before.
+    """A point at which a second branch crosses: parameter value, X_k, index of the point before.
 
-    ``error`` is how far off the value may be, as that of a `Crossing`.
-    ``across`` is the direction of the other branch in X_k, found where the derivatives are
-    singular; the other branch leads off both ways.
+    ``error`` estimates the error of the value, as for a `Crossing`. ``across`` is the direction of
+    the second branch in X_k, the null vector of the derivatives. The second branch continues in
+    both directions.
 
     Examples
     --------
@@ -118,7 +119,7 @@ class BranchPoint(Value):
     _direction: FloatArray
 
     def departure(self, n: int, opposite: bool) -> tuple[FloatArray, FloatArray]:
-        """Point and direction for a branch of ``n`` unknowns."""
+        """Return the start point and direction of a branch with ``n`` unknowns."""
         _native.integer("n", n, 1, 2**31 - 1)
         if self._unknowns.size != n:
             raise InputError(
@@ -131,7 +132,7 @@ class BranchPoint(Value):
 
 
 class Curve(Result):
-    """What branches of either system share: amplitudes along them and their peaks."""
+    """Common parts of all branches: amplitudes and their peaks."""
 
     kind = "branch"
     _form = "branch"
@@ -159,7 +160,7 @@ class Curve(Result):
 
     @property
     def label(self) -> str:
-        """What varies, for the axis of a picture."""
+        """Axis label of the parameter."""
         raise NotImplementedError
 
     def _place(self, dof: str, harmonic: int | tuple[int, ...]) -> tuple[int, int]:
@@ -180,7 +181,7 @@ class Curve(Result):
 
     @property
     def complete(self) -> bool:  # type: ignore[override]
-        """Whether all of the branch was followed, with enough harmonics."""
+        """True if the whole branch was followed with enough harmonics."""
         return self.outcome == "completed" and not self._lacking()
 
     def _headline(self) -> str:
@@ -208,12 +209,12 @@ class Curve(Result):
         ]
 
     def numbers(self) -> dict[str, Number]:
-        """Largest amplitudes ``peak_x``, where they are, ``nu_peak_x``, ``folds``, ``outcome``."""
+        """Return peaks ``peak_x``, their locations ``nu_peak_x``, ``folds`` and ``outcome``."""
         found = peaks(self, "rad/s" if "m" in self.dof_units else "")
         return found | {"folds": Number(self.folds.size), "outcome": Number(self.outcome)}
 
     def panels(self) -> list[Panel]:
-        """Amplitudes of the lowest harmonic along the branch."""
+        """Return the amplitudes of the lowest harmonic along the branch."""
         order = lowest_order(self._orders)
         return [
             Panel(self.parameter, self.amplitude(name, order), self.label, name, unit, order)
@@ -225,7 +226,7 @@ class Curve(Result):
         return n, f"{things(n, 'point')} of {things(len(self._orders), 'harmonic')}", "point"
 
     def amplitude(self, dof: str, harmonic: int | tuple[int, ...] = 1) -> FloatArray:
-        """Size of a harmonic of a coordinate, shape (n,)."""
+        """Return the amplitude of a harmonic of a coordinate, shape (n,)."""
         d, j = self._place(dof, harmonic)
         return np.abs(self.coefficients[:, d, j])
 
@@ -236,12 +237,12 @@ class Curve(Result):
         *,
         band: tuple[float, float] | None = None,
     ) -> Peak:
-        """Largest amplitude, overhanging parts included, solved for between the points.
+        """Return the largest amplitude, also on overhanging parts, located between the points.
 
-        What is small in the motion may have a resonance of its own between two points, which is
-        found where the slopes at both tell of it (of a structure along frequencies).
-        ``band`` limits the search to values of `parameter`. Not `enclosed` at an end of the
-        branch or of the band, nor where the component is 0 but for rounding of the others.
+        A small component may have a resonance between two points. It is found if the derivatives at
+        both points indicate it (for a structure along frequencies). ``band`` limits the search to a
+        range of `parameter`. ``enclosed`` is False at an end of the branch or of the range, and if
+        the component is 0 within the rounding error of the other components.
         """
         amplitude = self.amplitude(dof, harmonic)
         low, high = (-np.inf, np.inf) if band is None else band_of(band)
@@ -278,7 +279,7 @@ class Curve(Result):
 
 
 def one_way(parameter: FloatArray, inside: npt.NDArray[np.bool_]) -> Iterator[npt.NDArray[np.intp]]:
-    """Places of the parts along which the parameter rises or falls, ascending, 2 points or more."""
+    """Return the ascending index ranges of monotonic parameter, of 2 or more points each."""
     ways = np.sign(np.diff(parameter)) * (inside[1:] & inside[:-1])
     ends = np.flatnonzero(np.diff(ways)) + 1
     for part in np.split(np.arange(ways.size), ends):
@@ -288,7 +289,7 @@ def one_way(parameter: FloatArray, inside: npt.NDArray[np.bool_]) -> Iterator[np
 
 
 def fold_notes(kind: str, curve: Any) -> list[str]:
-    """Lines of a table: how a curve ended, where it turns back, how far off these places are."""
+    """Return lines of a table: the outcome of a curve and its folds with their errors."""
     lines = [f"{kind} {curve.outcome}; folds at {curve.varies} ={listed(curve.folds)}"]
     if curve.folds.size:
         lines.append(f"estimated errors of these folds:{listed(curve.fold_errors)}")
@@ -296,7 +297,7 @@ def fold_notes(kind: str, curve: Any) -> list[str]:
 
 
 def told_rounding(off: FloatArray, allowed: FloatArray | float) -> str:
-    """Words for points of which rounding leaves more than the tolerance, if there are any."""
+    """Return a text about points whose rounding error exceeds the tolerance, or an empty text."""
     blurred = int((off > allowed).sum())
     if not blurred:
         return ""
@@ -304,13 +305,13 @@ def told_rounding(off: FloatArray, allowed: FloatArray | float) -> str:
 
 
 def allowed_beside(coefficients: ComplexArray, tolerance: float, absolute: float) -> FloatArray:
-    """Relative error allowed of motions (n, ...), by an absolute one of their largest harmonic."""
+    """Return the allowed relative error of motions (n, ...) from an absolute error."""
     sizes = np.abs(coefficients).reshape(coefficients.shape[0], -1).max(axis=1, initial=0.0)
     return np.asarray(tolerance + absolute / np.maximum(sizes, np.finfo(float).tiny))
 
 
 def warn_of_rounding(off: FloatArray, tolerance: float, allowed: FloatArray | None = None) -> None:
-    """Warn the caller of a public function of points of which rounding leaves more than allowed."""
+    """Warn the caller of a public function about points whose rounding error exceeds the limit."""
     blurred = off > (tolerance if allowed is None else allowed)
     if blurred.any():
         warnings.warn(
@@ -322,7 +323,7 @@ def warn_of_rounding(off: FloatArray, tolerance: float, allowed: FloatArray | No
 
 
 def branch_notes(branch: Any) -> list[str]:
-    """Lines of a table: how the branch ended, where it turns back and where stability changes."""
+    """Return lines of a table: the outcome of the branch, its folds and bifurcation points."""
     at = branch.varies
     errors = (np.nan if one.error is None else one.error for one in branch.crossings)
     return [
@@ -341,15 +342,15 @@ def branch_notes(branch: Any) -> list[str]:
 
 
 def largest_order(coefficients: ComplexArray, harmonics: npt.NDArray[Any], d: int) -> int:
-    """Place of the order, other than the mean, that a coordinate has most of."""
+    """Return the index of the largest harmonic of a coordinate, without the mean."""
     first = int(not np.any(harmonics[0]))
     return first + int(np.abs(coefficients[:, d, first:]).max(axis=0).argmax())
 
 
 def largest_panels(curve: Any, x: FloatArray, x_label: str) -> list[Panel]:
-    """Amplitudes along a curve, each of the order of which there is most.
+    """Return amplitudes along a curve, each of the largest harmonic.
 
-    The lowest may be idle where the motion has a longer period than the loads.
+    The lowest harmonic may be 0 if the motion has a longer period than the loads.
     """
     found = []
     for d, (name, unit) in enumerate(zip(curve.dof_names, curve.dof_units, strict=True)):
@@ -363,10 +364,10 @@ def located_crossings(
     motions: ComplexArray,
     unknown: npt.NDArray[np.bool_] | None = None,
 ) -> tuple[Crossing, ...]:
-    """Changes of stability: number, kinds, points before (from 1), places, NaN if none, and errors.
+    """Return crossings from their number, kinds, points before (from 1), locations and errors.
 
-    ``motions``: X_k there, shape (at least as many as are given, n_dof, m). ``unknown``: of each
-    point, whether its stability is.
+    ``motions`` contains X_k at each location, shape (at least the number given, n_dof, m).
+    ``unknown`` marks points with unknown stability.
     """
     n, kinds, before, where, errors = found
     if n > MAX_SPECIAL:
@@ -395,9 +396,9 @@ def located_branch_points(
     unknowns: FloatArray,
     across: FloatArray,
 ) -> tuple[BranchPoint, ...]:
-    """Branch points: values of what varies, errors, X_k, points before (from 1), other branches.
+    """Return branch points from values, errors, X_k, points before (from 1) and directions.
 
-    ``unknowns`` and ``across`` as the core has them, a column each.
+    ``unknowns`` and ``across`` are arrays of the core, one column each.
     """
     return tuple(
         BranchPoint(
@@ -414,13 +415,13 @@ def located_branch_points(
 
 
 def check_departure(leave: object) -> None:
-    """Refuse what is no branch point."""
+    """Refuse a value that is not a branch point."""
     if not isinstance(leave, BranchPoint):
         raise InputError(f"leave = {_native.shown(leave)}: must be one of a branch's branch_points")
 
 
 def checked_stops(at: npt.ArrayLike, varies: str, start: float, finish: float) -> FloatArray:
-    """Values of what varies at which points shall lie, none of them beyond its range."""
+    """Return parameter values for points, all within the range."""
     stops = _native.real_array("at", at).reshape(-1)
     low, high = sorted((start, finish))
     beyond = stops[(stops < low) | (stops > high)]
@@ -432,7 +433,7 @@ def checked_stops(at: npt.ArrayLike, varies: str, start: float, finish: float) -
 
 
 def range_of(name: str, value: object) -> tuple[float, float]:
-    """From and to, two different numbers."""
+    """Return the ends of a range, two different numbers."""
     ends = _native.real_array(name, value)
     if ends.shape != (2,):
         raise InputError(f"{name}: must be two numbers, from and to, got shape {ends.shape}")

@@ -1,4 +1,4 @@
-"""Energy that elements of a structure, or parts of a system, take from periodic motions."""
+"""Energy loss of periodic motions in the elements of a structure, or parts of a system."""
 
 from __future__ import annotations
 
@@ -23,9 +23,10 @@ _DEPENDENT = 1e-9
 
 @dataclass(frozen=True)
 class Parts:
-    """A system, and how its base moves: what of it takes energy from its motions.
+    """A system and its base motion, for the energy loss of its motions.
 
-    ``orders``, ``series``: of load and base for a load factor of 1, as the core takes them.
+    ``orders``, ``series``: harmonics of load and base for a load factor of 1, in the form of the
+    core.
     """
 
     system: Any

@@ -1,4 +1,4 @@
-"""Many motions, and what was gathered from them."""
+"""Ensembles of motions and their results."""
 
 from __future__ import annotations
 
@@ -24,61 +24,62 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Ensemble(Result):
-    """Many motions, and what was gathered from them on the way.
+    """Many motions and their selected results.
 
     Attributes
     ----------
     t_end : ndarray, shape (n,)
-        Time each run was to reach.
+        Requested end time of each run.
     t_reached : ndarray, shape (n,)
+        Time at which each run ended.
     state : ndarray, shape (n, 2 n_dof)
-        Last states, as of a Trajectory.
+        Final states, as in a Trajectory.
     outcome : ndarray of str, shape (n,)
-        "completed", "diverged", "unphysical" or "step too large", as for a Trajectory; of runs
-        that stop early the last state is that at ``t_reached``.
+        "completed", "diverged", "unphysical" or "step too large", as in a Trajectory. The final
+        state of a run that ended early is that at ``t_reached``.
     step : ndarray, shape (n,)
-        The steps of the method.
+        Step sizes of the integrator.
     dt : ndarray, shape (n,)
-        Spacing of the states kept: the periods between ``sections``; NaN without, as only last
-        states are kept.
+        Spacing of the states kept: the periods between ``sections``; NaN without sections.
     peak, mean, rms : ndarray, shape (n, 2 n_dof), or None
-        Largest size, mean and root mean square along the motion, between steps too; NaN of a run
-        that stopped.
+        Largest absolute value, mean and root mean square along the motion, between steps too; NaN
+        for a run that ended early.
     amplitudes : complex ndarray, shape (n, n_lines, n_dof), or None
-        X of each coordinate at each frequency asked for: u = mean + Re(X exp(i omega t)); NaN, in
-        both parts, of a run that stopped.
+        X of each coordinate at each requested frequency: u = mean + Re(X exp(i omega t)); NaN in
+        both parts for a run that ended early.
     sections : ndarray, shape (n, n_points, 2 n_dof), or None
-        States at whole periods of a load, NaN after a run has stopped; or those on a surface, NaN
-        behind the last of a run.
+        States at whole periods of a load, or on a surface; NaN after the end of a run.
     section_times : ndarray, shape (n, n_points), or None
-        When the motions pass the surface, NaN behind the last.
+        Times of the states on a surface, NaN after the last one.
     lyapunov : ndarray, shape (n,), or None
-        Largest Lyapunov exponent (a time average): small errors grow like exp(lyapunov t);
-        NaN of a run that stopped.
+        Largest Lyapunov exponent (a time average): small errors grow like exp(lyapunov t). NaN for
+        a run that ended early.
     lyapunov_error : ndarray, shape (n,), or None
-        How far it may be off the mean over infinite time: twice the range of what the growth of the
-        disturbance was off a straight line on the way, over the time; and what halved steps change
-        (not of steps that are given).
+        Estimated distance from the infinite-time exponent: twice the range by which the logarithmic
+        growth deviates from a straight line, divided by the run time, plus the change with half the
+        step size (not for a given step size).
     spectrum : ndarray, shape (n, 2 n_dof), or None
-        All exponents in the directions of the states, if asked for, largest first; the load's phase
-        has exponent 0 besides. -inf: a disturbance vanishes altogether, as where friction sticks.
+        All exponents in the directions of the states, if requested, largest first. The phase of the
+        load has the additional exponent 0. -inf: a perturbation vanishes, as with friction that
+        sticks.
     spectrum_error : ndarray, shape (n, 2 n_dof), or None
-        As ``lyapunov_error``, of each; 0 of -inf.
+        As ``lyapunov_error``, for each exponent; 0 for -inf.
     error : float or None
-        Estimated largest error of the last states and of ``t_reached``, if ``dt`` was "auto" (None
-        of steps that are given, as summary and plan say), and of ``peak``, ``mean`` and ``rms``.
+        Estimated largest error of the final states, of ``t_reached``, and of ``peak``, ``mean`` and
+        ``rms``, for ``dt`` = "auto"; None for a given step size.
     section_error : float or None
-        The same of ``sections`` and ``section_times``, by halved steps; inf where these have other
-        passages.
+        Estimated largest error of ``sections`` and ``section_times``, from half the step size; inf
+        if the number of points differs.
     amplitude_error : float or None
-        The same of ``amplitudes``: what other steps, and states as much nearer to each other,
-        change. How far a finite time tells lines apart is another matter.
+        Estimated largest error of ``amplitudes``, from a different step size and a finer spacing of
+        samples. It does not include the finite resolution of the run time.
     method : str
+        Integrator.
     parameters : mapping
-        What varies, each an array of shape (n,).
+        Parameters that vary, each an array of shape (n,).
     system : Pendulum, PolynomialSystem, Structure or Mount
     plan : Plan
-        What was computed, what was skipped and why.
+        What was computed, and what was skipped and why.
 
     Examples
     --------
@@ -126,12 +127,12 @@ class Ensemble(Result):
 
     @property
     def dof_names(self) -> tuple[str, ...]:
-        """Names of the coordinates that states hold."""
+        """Names of the coordinates in the states."""
         return self._names or self.system.dof_names
 
     @property
     def complete(self) -> bool:  # type: ignore[override]
-        """Whether all motions were followed to their ends."""
+        """True if all motions were followed to their ends."""
         return bool((self.outcome == "completed").all())
 
     def _headline(self) -> str:
@@ -147,7 +148,7 @@ class Ensemble(Result):
         return [f"t_end: {span(self.t_end)}; varied: {varied}; {self.method}, {sure}"]
 
     def to_dataset(self) -> xr.Dataset:
-        """Everything that was gathered, over the runs."""
+        """Return all results over the runs."""
         import xarray as xr
 
         names = [f"{d}{dot}" for d in self.dof_names for dot in ("", "_dot")]

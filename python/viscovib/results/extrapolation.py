@@ -1,4 +1,4 @@
-"""Motions with infinitely many orders, extrapolated from three numbers of them."""
+"""Motions extrapolated to infinitely many harmonics."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _FEWEST = 4
 
 
 def check_orders(highest: list[int]) -> None:
-    """Refuse highest orders, the coarsest first, that tell no limit."""
+    """Refuse numbers of harmonics from which no limit follows, the coarsest first."""
     if not _FEWEST <= highest[0] < highest[1] < highest[2]:
         raise InputError(
             f"highest orders {highest[2]}, {highest[1]} and {highest[0]}: must fall from each "
@@ -32,9 +32,9 @@ def check_orders(highest: list[int]) -> None:
 def extrapolated(
     three: list[Motion], truncation: float
 ) -> tuple[ComplexArray, float, float] | None:
-    """X_k with all orders, the estimated error and p; None: as good as it is.
+    """Return X_k for all harmonics, the estimated error and p; None if there is no improvement.
 
-    ``three``: the coarsest first; ``truncation``: the estimate of the finest.
+    ``three``: three responses, the coarsest first; ``truncation``: the estimate of the finest.
     """
     found = _row(three)
     if found is None:

@@ -17,10 +17,10 @@ if TYPE_CHECKING:
 
 
 class Resonance(NamedTuple):
-    """A condition of resonance: sum of multiples x frequencies near 0.
+    """A resonance condition: sum of multiples x frequencies near 0.
 
-    ``order`` is the order of the expansion in which it is felt; ``divisor`` is the sum over the
-    highest frequency in it, ``near`` whether that is within the tolerance asked for.
+    ``order`` is the order of the expansion in which it acts. ``divisor`` is the sum divided by its
+    highest frequency. ``near`` is True if the divisor is within the tolerance.
 
     Examples
     --------
@@ -40,12 +40,12 @@ class Resonance(NamedTuple):
 
     @property
     def coefficients(self) -> dict[str, int]:
-        """Multiples that are not 0, by the frequency's name."""
+        """Non-zero multiples, by the name of the frequency."""
         return {name: c for name, c in zip(self.names, self.multiples, strict=True) if c}
 
     @property
     def label(self) -> str:
-        """The condition as in "w1 ~ 2 w2"; on the left what is alone, or has a load."""
+        """The condition as text, "w1 ~ 2 w2"."""
         sides: list[list[str]] = [[], []]
         for name, c in self.coefficients.items():
             sides[int(c < 0)].append(name if abs(c) == 1 else f"{abs(c)} {name}")
@@ -71,19 +71,19 @@ class Modulation(Result):
     complex_amplitudes : ndarray, shape (n, n_modes)
         A_j.
     frame : ndarray, shape (n_modes,)
-        Frequencies at which the frame of each amplitude turns.
+        Reference frequencies of the amplitudes.
     initial : complex ndarray, shape (n_modes,)
         Amplitudes at t = 0.
     error : ndarray, shape (n,)
         Estimated largest error of the complex amplitudes as a solution of the modulation equations,
-        by much finer steps and rounding; inf at times that these do not reach. What the expansion
-        itself leaves out is another error, which results of `MultipleScales.motion` tell.
+        by the step size and rounding; inf at times that finer steps do not reach. The error of the
+        expansion is separate: see the results of `MultipleScales.motion`.
     steps : int
-        Steps of the integration.
+        Number of integration steps.
     outcome : str
-        "complete", "overflow" (beyond all range), "step limit" or "cancelled".
+        "complete", "overflow", "step limit" or "cancelled".
     plan : Plan
-        What was computed, what was skipped and why.
+        What was computed, and what was skipped and why.
 
     Examples
     --------
@@ -109,7 +109,7 @@ class Modulation(Result):
 
     @property
     def complete(self) -> bool:  # type: ignore[override]
-        """Whether the last time was reached."""
+        """True if the final time was reached."""
         return self.outcome == "complete"
 
     def _headline(self) -> str:
@@ -120,7 +120,7 @@ class Modulation(Result):
         return [f"t: {span(self.t)}; {things(self.frame.size, 'mode')}, {worst}"]
 
     def to_dataset(self) -> xr.Dataset:
-        """Amplitudes and phases as an xarray Dataset over t."""
+        """Return amplitudes and phases as an xarray Dataset over t."""
         import xarray as xr
 
         dims = ("t", "mode")
@@ -136,10 +136,10 @@ class Modulation(Result):
 
     @property
     def amplitude(self) -> FloatArray:
-        """Real amplitudes b_j, shape (n, n_modes)."""
+        """Return the real amplitudes b_j, shape (n, n_modes)."""
         return np.abs(self.complex_amplitudes)
 
     @property
     def phase(self) -> FloatArray:
-        """Phases relative to the frame (rad), continuous in time, shape (n, n_modes)."""
+        """Return the phases relative to the frame (rad), continuous in time, shape (n, n_modes)."""
         return np.asarray(np.unwrap(np.angle(self.complex_amplitudes), axis=0))

@@ -1,4 +1,4 @@
-"""A branch of motions that repeat, followed in time."""
+"""A branch of periodic motions, followed in time."""
 
 from __future__ import annotations
 
@@ -23,39 +23,41 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class MotionBranch(Result):
-    """Motions that repeat along a parameter, by `trace_motion`.
+    """Periodic motions along a parameter, from `trace_motion`.
 
     Attributes
     ----------
     parameter : ndarray, shape (n,)
-        Values of what varies (``varies``) at the points of the branch.
+        Values of the parameter ``varies`` at the points of the branch.
     nu : ndarray, shape (n,)
         Circular frequencies of the load.
     state : ndarray, shape (n, 2 n_dof)
-        State of each motion at t = 0; ``branch.motion(i)`` is the motion itself.
+        State of each motion at t = 0; ``branch.motion(i)`` returns the motion.
     smallest, largest : ndarray, shape (n, n_dof)
-        Extremes of each coordinate, where its velocity is 0, to about 1e-9 of them.
+        Extremes of each coordinate, accurate to about 1e-9.
     multipliers : complex ndarray, shape (n, m)
         Floquet multipliers, the largest first.
     stable : ndarray, shape (n,)
-        True or False, or None where the largest is on the unit circle to its error.
+        True or False, or None if the largest multiplier is on the unit circle within its error.
     passages : ndarray of int, shape (n,)
-        How often laws switch in a period.
+        Number of switches of laws per period.
     repeats_after : ndarray of int, shape (n,)
-        After how many periods of the load motions repeat already, see `SteadyMotion`.
+        Smallest number of load periods after which each motion repeats, see `SteadyMotion`.
     error : ndarray, shape (n,)
         Estimated largest error of each state, velocities divided by ``nu``.
     folds, grazings : ndarray
-        Where the branch turns back; and where a switch comes or goes, as a contact does that only
-        grazes. Located to rounding, which folds and multipliers beside them enlarge; nan where that
-        fails, which a warning tells. At a rigid stop a branch has a corner where it grazes: a fold
-        may be there, and a change of stability.
+        Parameter values at which the branch turns back, and at which a switch appears or
+        disappears, as at a grazing contact. They are located to rounding error, which is amplified
+        near folds and bifurcation points; nan and a warning if the search fails. At a rigid stop a
+        branch has a corner at grazing. A fold or a bifurcation point may coincide with it.
     fold_errors, grazing_errors : ndarray
-        How far off these are, by other steps that end elsewhere: inf where these do not have them.
+        Estimated errors of these values, from a different step size; inf if the values do not exist
+        with it.
     crossings : tuple of Crossing
-        Where stability changes: "fold", "branch point", "period doubling", "Neimark-Sacker".
+        Bifurcation points: "fold", "branch point", "period doubling", "Neimark-Sacker".
     outcome : str
-        "completed"; "stuck": no step leads on; "points": there is no room for more.
+        "completed"; "stuck": no step continues the branch; "points": the maximum number of points
+        is reached.
 
     Examples
     --------
@@ -94,7 +96,7 @@ class MotionBranch(Result):
 
     @property
     def complete(self) -> bool:  # type: ignore[override]
-        """Whether all of the range was followed."""
+        """True if the whole range was followed."""
         return self.outcome == "completed"
 
     @property
@@ -110,7 +112,7 @@ class MotionBranch(Result):
 
     @property
     def label(self) -> str:
-        """What varies, for the axis of a picture."""
+        """Axis label of the parameter."""
         if self.varies == "nu":
             return r"circular frequency of the load $\nu$ (rad/s)"
         name = "factor of the load" if self.varies == "load_factor" else self.varies
@@ -155,7 +157,7 @@ class MotionBranch(Result):
         return found | {"outcome": Number(self.outcome)}
 
     def panels(self) -> list[Panel]:
-        """Largest displacements along the branch."""
+        """Return the largest displacements along the branch."""
         units = self.system.dof_units
         return [
             Panel(self.parameter, self.largest[:, d], self.varies, name, unit)
@@ -163,7 +165,7 @@ class MotionBranch(Result):
         ]
 
     def to_dataset(self) -> xr.Dataset:
-        """Everything as an xarray Dataset over the points."""
+        """Return all data as an xarray Dataset over the points."""
         import xarray as xr
 
         columns = [f"{name}{dot}" for name in self.dof_names for dot in ("", "_dot")]

@@ -1,4 +1,4 @@
-"""Steady forced responses: amplitudes of every harmonic over a band of frequencies."""
+"""Steady forced responses: amplitudes of each harmonic over a frequency range."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ _PARABOLA = np.array([[3, 6, -1], [-1, 6, 3]]) / 8
 
 
 class Peak(NamedTuple):
-    """Largest amplitude in a band.
+    """Largest amplitude in a frequency range.
 
     Examples
     --------
@@ -67,8 +67,8 @@ class Peak(NamedTuple):
 
     nu: float
     amplitude: float
-    #: False if no summit of the branch is larger: the largest of the motions, which stands at the
-    #: edge of the band, beside a point that was not found, or where the branch was left.
+    #: True for a maximum inside the range. False if the largest amplitude lies at the end of the
+    #: range, next to a point without a solution, or at a jump to a second branch.
     enclosed: bool
 
 
@@ -81,38 +81,38 @@ class Response(PeriodicMotions, Result):
     nu : ndarray, shape (n,)
         Circular frequencies of the load (rad/s).
     harmonics : ndarray of int, shape (m,)
-        Orders k kept, at any frequency.
+        Harmonics k that are kept at any frequency.
     coefficients : ndarray, complex, shape (n, n_dof, m)
-        X_k (m, rad); NaN where no solution was found, 0 for orders not kept at this frequency.
+        X_k (m, rad); NaN without a solution, 0 for harmonics that are not kept at this frequency.
     outcome : ndarray of str, shape (n,)
-        "converged", "stalled", "diverged", "singular" (undamped resonance) or "overflow"
-        (parameters so extreme that the solution leaves the range of numbers).
+        "converged", "stalled", "diverged", "singular" (undamped resonance) or "overflow" (the
+        solution exceeds the range of floating-point numbers).
     iterations : ndarray of int, shape (n,)
-        Iterations made.
+        Number of iterations.
     rate : ndarray, shape (n,)
-        Factor by which the last corrections shrank in an iteration.
+        Ratio of the last corrections.
     highest : ndarray of int, shape (n,)
-        Highest order kept at each frequency; 0 where no solution was found.
+        Highest harmonic of each frequency; 0 without a solution.
     truncation : ndarray, shape (n,)
-        Estimated relative error of leaving out higher orders; 0 for a linear response, which
-        lacks none: the largest change of any order, by the residual of those left out and what
-        they do to those kept, in the norm of ``tolerance``. Where rounding keeps the corrections
-        of Newton's method above the tolerance, at least what rounding does. Of successive
-        approximations under forces that are no polynomials also what their samples leave.
+        Estimated relative error by neglected harmonics, in the norm of ``tolerance``; 0 for a
+        linear response. It is the largest change of any harmonic by the residual of the neglected
+        harmonics. If rounding keeps the corrections of Newton's method above the tolerance, it is
+        at least the rounding error. For successive approximations with non-polynomial forces it
+        includes the error of the samples.
     method : str
-        The method that ran.
+        The method that was used.
     plan : Plan
-        What was computed, what was skipped and why.
+        What was computed, and what was skipped and why.
     stable : ndarray of bool, shape (n,), or None
-        Whether each motion is stable; None: not asked for. Where that is unknown, or no solution
-        was found, the array holds objects: True, False and None.
+        Stability of each motion; None: not requested. If it is unknown for some motions, the array
+        contains objects: True, False and None.
     multipliers, exponents : complex ndarray, shape (n, m), or None
-        As in `Branch`; NaN where unknown.
+        As in `Branch`; NaN if unknown.
     slowest : ndarray of bool, shape (n,), or None
-        As in `Branch`: whether the first multiplier is the largest for certain.
+        As in `Branch`: True if the first multiplier is certainly the largest.
     power : ndarray, shape (n,), or None
-        Of `extrapolated` motions: the measured p with which orders converge as K^-p; NaN where a
-        motion was not extrapolated. None: of motions as they were solved for.
+        For `extrapolated` motions: the measured power p of the convergence K^-p; NaN for a motion
+        that was not extrapolated. None for other responses.
 
     Examples
     --------
@@ -170,15 +170,15 @@ class Response(PeriodicMotions, Result):
 
     @property
     def converged(self) -> npt.NDArray[np.bool_]:
-        """Where a solution was found, shape (n,)."""
+        """True where a solution was found, shape (n,)."""
         return np.asarray(self.outcome == "converged")
 
     @cached_property
     def corrections(self) -> FloatArray:
-        """Relative size of each correction, shape (n, iterations); NaN past the last.
+        """Relative size of each correction, shape (n, iterations); NaN after the last one.
 
-        Not kept in the first run: the job is run again when this is first asked for. Newton's
-        method keeps none, shape (n, 0).
+        The first access repeats the computation, because the first run does not store corrections.
+        Newton's method stores none: shape (n, 0).
         """
         return np.asarray(self._work.corrections(int(self.iterations.max(initial=0))))
 
@@ -186,21 +186,21 @@ class Response(PeriodicMotions, Result):
         return self.nu, self.harmonics, self.coefficients
 
     def amplitude(self, dof: int | str, harmonic: int = 1) -> FloatArray:
-        """|X_k| of one coordinate, shape (n,)."""
+        """Return abs(X_k) of one coordinate, shape (n,)."""
         return np.abs(self.coefficient(dof, harmonic))
 
     def peak(
         self, dof: int | str, harmonic: int = 1, *, band: tuple[float, float] | None = None
     ) -> Peak:
-        """Largest amplitude in a band of nu (default: all), solved for.
+        """Return the largest amplitude in a range of nu (default: all), located between the points.
 
-        Between motions whose slopes tell of a summit, or do not lead from one to the next, the
-        branch of one is followed through all summits on its way: the amplitude holds to the
-        tolerance, on coarse grids too. A jump is no summit, and motions
-        beyond it belong to another branch: if the largest amplitude stands there, it is that of a
-        motion found, and not ``enclosed``, as is that of a component which is 0 but for rounding
-        of the others. Of a linear response it is inf where a resonance is undamped, or narrower
-        than rounding of its frequency.
+        If the derivatives of two neighbouring motions indicate a maximum, or if the motions do not
+        belong to one branch, the branch is followed through all maxima between them. So the
+        amplitude is accurate to the tolerance on coarse grids too. ``enclosed`` is False if the
+        largest amplitude lies at the end of the range, at a jump to a second branch, or if the
+        component is 0 within the rounding error of the other components. For a linear response the
+        amplitude is inf if a resonance is undamped or narrower than the rounding error of its
+        frequency.
         """
         inside = self.converged
         if band is not None:
@@ -260,14 +260,13 @@ class Response(PeriodicMotions, Result):
     def sampling(self) -> FloatArray:
         """Estimated relative error of each motion by the samples of its forces, shape (n,).
 
-        Forces that are no polynomials are known from samples of a period, twice as many until
-        they tell their harmonics to 1e-7, or are integrated between the places where they switch.
-        What aliases, or a switch missed, is seen with four times the samples: their residual at
-        the motion, by the derivatives of the equations, is a change of the motion; twice that, in
-        the norm of ``tolerance``. Orders left out are another error, ``truncation``. 0 for
-        polynomial forces, which have samples enough, and for linear motions; NaN where it is not
-        known or no motion was found. Computed when first asked for, as long as a step of Newton's
-        method takes for each motion.
+        Forces that are not polynomials are sampled over a period, with more samples until the
+        harmonics are accurate to 1e-7, or they are integrated between switches. The estimate
+        evaluates the residual with four times the samples and converts it into a change of the
+        motion. Twice this change, in the norm of ``tolerance``, is returned. It is 0 for polynomial
+        forces and linear motions, and NaN if it is unknown or no motion was found. Neglected
+        harmonics are a separate error, ``truncation``. The first access takes as long as one Newton
+        step per motion.
 
         Examples
         --------
@@ -289,11 +288,11 @@ class Response(PeriodicMotions, Result):
     def error(self) -> FloatArray:
         """Estimated relative error of each motion as a solution of its equations, shape (n,).
 
-        What is left to correct, and what rounding leaves: the unit roundoff times the condition of
-        the equations, which in resonance is one over the damping. In the norm of ``tolerance``;
-        NaN where it is not known or no motion was found. Orders left out are another error,
-        ``truncation``, and so are samples, ``sampling``. Computed when first asked for, as long as
-        a step of Newton's method takes for each motion.
+        It contains the remaining correction and the rounding error: the unit roundoff times the
+        condition of the equations, which in resonance is 1 divided by the damping. It is given in
+        the norm of ``tolerance``; NaN if it is unknown or no motion was found. Neglected harmonics
+        (``truncation``) and samples (``sampling``) are separate errors. The first access takes as
+        long as one Newton step per motion.
 
         Examples
         --------
@@ -315,13 +314,13 @@ class Response(PeriodicMotions, Result):
         return self._parts.relative(self.harmonics, self.coefficients, factors)
 
     def dissipation(self) -> FloatArray:
-        """Energy that parts take from each motion in a period (J), shape (n, 1 + n_groups).
+        """Return the energy loss of each motion per period (J), shape (n, 1 + n_groups).
 
-        Of a `PolynomialSystem`: what its ``damping`` takes, then its own springs and forces (laws
-        of rates, what kernels lose), then each of its ``springs``: pi sum_k k Im(F_k conj(U_k))
-        with the harmonics of force and motion relative to the base. Their sum is the work of load
-        and base in a period. Exact for the harmonics kept; laws with kinks or jumps from 16384
-        samples of the period, to about 1e-6. NaN where no motion was found.
+        For a `PolynomialSystem` the columns are the loss by ``damping`` together with its own
+        springs and forces (laws of rates, kernels), then by each of its ``springs``: pi sum_k k
+        Im(F_k conj(U_k)) with the harmonics of force and relative motion. Their sum is the work of
+        load and base per period. The result is exact for the harmonics kept. Laws with kinks or
+        jumps use 16384 samples and are accurate to about 1e-6. NaN where no motion was found.
 
         Examples
         --------
@@ -349,23 +348,21 @@ class Response(PeriodicMotions, Result):
         return self.coefficients
 
     def extrapolated(self, middle: Response, coarse: Response) -> Response:
-        """These motions with infinitely many orders, from the same with fewer and fewer still.
+        """Return these motions extrapolated to infinitely many harmonics.
 
-        Where a force jumps, as dry friction does, orders converge slowly, X(K) = X + C K^-p, K
-        between the last order kept and the first left out. The power p follows from the three
-        numbers of orders (Richardson, Phil. Trans. A 226, 1927), and is kept in ``power``.
-        ``truncation`` is then the estimated error of what is extrapolated: three times what both
-        pairs of numbers, and p and the nearest half of an integer, differ by, and the orders
-        above the highest, which stay left out. A motion that no power up to 2 fits, that would
-        move by more than twice its own estimate, or gain nothing, stays as it is.
+        If a force jumps, as with dry friction, harmonics converge slowly, X(K) = X + C K^-p. The
+        power p follows from three responses with different numbers of harmonics (Richardson, Phil.
+        Trans. A 226, 1927) and is stored in ``power``. ``truncation`` is then the estimated error
+        of the extrapolated motion. A motion stays unchanged if no power up to 2 fits, if it would
+        change by more than twice its error estimate, or if extrapolation does not improve it.
 
-        Kinks, such as a gap has, hardly act back on the orders kept: there nothing is gained.
+        Extrapolation does not improve forces with kinks, such as gaps.
 
         Parameters
         ----------
         middle, coarse : Response
-            Of the same system, load and frequencies; the ratio of their highest orders should be
-            about 2 each, and the lowest of them tell the jumps apart.
+            Responses of the same system, load and frequencies. The highest harmonics should differ
+            by factors of about 2, and the lowest number must resolve the jumps.
 
         Examples
         --------
@@ -407,7 +404,7 @@ class Response(PeriodicMotions, Result):
 
     @property
     def complete(self) -> bool:  # type: ignore[override]
-        """Whether all frequencies are solved, with enough harmonics."""
+        """True if all frequencies are solved with enough harmonics."""
         return bool(self.converged.all()) and not self._short
 
     @property
@@ -440,11 +437,11 @@ class Response(PeriodicMotions, Result):
         return lines
 
     def numbers(self) -> dict[str, Number]:
-        """Largest amplitudes ``peak_x``, where they are, ``nu_peak_x``, and the part unsolved."""
+        """Return peaks ``peak_x``, their frequencies ``nu_peak_x`` and the unsolved part."""
         return peaks(self) | {"unsolved": Number(1 - self.converged.mean())}
 
     def panels(self) -> list[Panel]:
-        """Amplitudes of the lowest harmonic over nu."""
+        """Return the amplitudes of the lowest harmonic over nu."""
         order = lowest_order(self.harmonics)
         return [
             Panel(self.nu, self.amplitude(name, order), r"$\nu$ (rad/s)", name, unit, order, True)
@@ -456,7 +453,7 @@ class Response(PeriodicMotions, Result):
         return n, f"{things(n, 'point')} of {things(self.harmonics.size, 'harmonic')}", "point"
 
     def to_dataset(self) -> xr.Dataset:
-        """Everything as an xarray Dataset with units."""
+        """Return all data as an xarray Dataset with units."""
         import xarray as xr
 
         dims = ("nu", "dof", "harmonic")
@@ -525,7 +522,7 @@ class Response(PeriodicMotions, Result):
 
 
 def lowest_order(harmonics: npt.NDArray[Any]) -> int:
-    """Return the lowest order beside the mean."""
+    """Return the lowest harmonic other than the mean."""
     if harmonics.ndim > 1:
         raise InputError("quasi-periodic motions have no single harmonic to draw")
     orders = harmonics[harmonics > 0]
@@ -535,7 +532,7 @@ def lowest_order(harmonics: npt.NDArray[Any]) -> int:
 
 
 def peaks(value: Any, at: str = "rad/s") -> dict[str, Number]:
-    """Largest amplitudes of the lowest harmonic and where they are, of a response or branch."""
+    """Return the largest amplitudes of the lowest harmonic and their locations."""
     found: dict[str, Number] = {}
     orders = value.harmonics[value.harmonics > 0] if value.harmonics.ndim == 1 else np.empty(0)
     for name, unit in zip(value.dof_names, value.dof_units, strict=True):
@@ -547,16 +544,16 @@ def peaks(value: Any, at: str = "rad/s") -> dict[str, Number]:
 
 
 def only_rounding(amplitude: FloatArray, motions: ComplexArray) -> bool:
-    """Whether a component is nowhere more than rounding of the largest in a motion.
+    """Return True if a component is everywhere below the rounding error of the largest component.
 
-    Motions of shape (n, n_dof, m).
+    Motions have the shape (n, n_dof, m).
     """
     largest = np.nanmax(np.abs(motions), axis=(1, 2))
     return bool((amplitude <= _NOTHING * largest).all())
 
 
 def band_of(band: object) -> tuple[float, float]:
-    """From and to of a band."""
+    """Return the ends of a range."""
     try:
         low, high = map(float, band)  # type: ignore[call-overload]
     except (TypeError, ValueError):
@@ -565,10 +562,10 @@ def band_of(band: object) -> tuple[float, float]:
 
 
 def _between_modes(sizes: Callable[[FloatArray], FloatArray], nu: FloatArray) -> FloatArray:
-    """Frequencies and more between them, until no interval holds two modes, as far as is seen.
+    """Return the frequencies and intermediate ones, so that no interval contains two modes.
 
-    Beside one mode 1/size^2 is a parabola, (nu - w)^2 + decay^2, however narrow the resonance;
-    beside an antiresonance size^2 is one. An interval in which neither is one is halved.
+    Near one mode 1/size^2 is a parabola, (nu - w)^2 + decay^2, for any width of the resonance.
+    Near an antiresonance size^2 is a parabola. An interval in which neither is one is halved.
     """
     found, low, high = [nu], nu[:-1], nu[1:]
     for _ in range(_HALVINGS):
@@ -579,7 +576,7 @@ def _between_modes(sizes: Callable[[FloatArray], FloatArray], nu: FloatArray) ->
             for form in (squares, 1 / squares):
                 told = _PARABOLA @ form[::2]
                 rough &= (np.abs(told - form[1::2]) > 0.1 * form[1::2]).any(axis=0)
-        # What changes with the last digits of the frequency is rounding of other components.
+        # A change with the last digits of the frequency is a rounding error of other components.
         beside = sizes((at[:, rough] * (1 + _ULPS)).ravel()).reshape(5, -1) ** 2
         rough[rough] = (np.abs(beside - squares[:, rough]) > 0.1 * beside).sum(axis=0) < 3
         if not rough.any():
@@ -591,12 +588,11 @@ def _between_modes(sizes: Callable[[FloatArray], FloatArray], nu: FloatArray) ->
 
 
 def _scatters(response: Response, d: int, j: int, nu: FloatArray) -> npt.NDArray[np.bool_]:
-    """Whether rounding of the others moves a component of a linear response at each frequency.
+    """Return where rounding errors of other components change a component of a linear response.
 
-    Its part of the largest component then scatters where frequencies are a few ulps apart, for
-    rounding is another at each: it may be divided by the damping, and look like a resonance, or
-    make summits of its own. Beside a resonance, be it as narrow as rounding, all components change
-    alike.
+    Its ratio to the largest component then scatters between frequencies a few ulps apart. The
+    rounding error may be divided by the damping, look like a resonance, or cause maxima. Near a
+    resonance of any width all components change in the same way.
     """
     near = nu * (1 + _ULPS * np.arange(-4, 5)[:, np.newaxis])
     motions = response._linear_motions(near.ravel()).reshape(*near.shape, -1)
@@ -612,11 +608,11 @@ def _scatters(response: Response, d: int, j: int, nu: FloatArray) -> npt.NDArray
 def _linear_summit(
     response: Response, places: npt.NDArray[np.intp], d: int, j: int
 ) -> tuple[float, float] | None:
-    """Of a linear response: each frequency is solved for, so that intervals shrink to a summit."""
+    """Return the maximum of a linear response by shrinking intervals of frequencies."""
     sizes = partial(response._linear_sizes, d, j)
     nu = _between_modes(sizes, response.nu[places])
-    # Slopes at both ends of each interval tell whether it holds a summit; where rounding hides
-    # them, a frequency that is higher than those beside it does.
+    # The slopes at both ends of each interval show whether it contains a maximum. If rounding
+    # hides them, a frequency with a larger value than its neighbours shows it.
     h, at = 1e-6 * np.diff(nu), sizes(nu)
     from_left = sizes(nu[:-1] + h) > at[:-1]
     from_right = sizes(nu[1:] - h) > at[1:]

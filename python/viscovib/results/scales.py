@@ -30,7 +30,7 @@ LEAST_FALL = 0.3
 
 
 def falling(sizes: FloatArray) -> FloatArray:
-    """Part of each order in the one before, from rows of the sizes of three orders."""
+    """Return the ratios of successive orders, from rows of the sizes of three orders."""
     first = np.maximum(sizes[:, 0], np.finfo(float).tiny)
     return np.asarray(np.maximum(sizes[:, 1] / first, np.sqrt(sizes[:, 2] / first)))
 
@@ -46,13 +46,12 @@ class ScalesMotion(Result):
         (q1, q1', q2, q2', ...).
     modulation : Modulation
     order_sizes : ndarray, shape (n, 3)
-        What the terms of first, second and third order can add up to, each in the coordinate
-        where that is most, coordinates compared in units of their own (from the modes' masses)
-        and given in that of the first order.
+        Upper bounds of the terms of first, second and third order, each in the coordinate where it
+        is largest. Coordinates are compared in units from the modal masses.
     mode_shapes : ndarray, shape (n_dof, n_modes)
-        As of `MultipleScales`.
+        As in `MultipleScales`.
     plan : Plan
-        What was computed, what was skipped and why.
+        What was computed, and what was skipped and why.
 
     Examples
     --------
@@ -91,26 +90,26 @@ class ScalesMotion(Result):
     def coordinate_errors(self) -> FloatArray:
         """Estimated error of each coordinate, shape (n, n_dof).
 
-        What the motion leaves over in the full equations drives a correction, whose size this is;
-        computed when first asked for.
+        It is the size of the correction that the residual of the full equations causes. It is
+        computed on first access.
         """
         return self._errors()
 
     @property
     def error_estimate(self) -> FloatArray:
-        """The same of the coordinate where it is largest, shape (n,)."""
+        """Largest ``coordinate_errors`` of all coordinates, shape (n,)."""
         return np.asarray(self.coordinate_errors.max(axis=1))
 
     @property
     def in_range(self) -> npt.NDArray[np.bool_]:
-        """Whether orders fall off and the error is small against the motion so far, shape (n,)."""
+        """True if the orders decrease and the error is small relative to the motion, shape (n,)."""
         largest = np.maximum.accumulate(self.order_sizes[:, 0])
         fall = falling(self.order_sizes) <= LEAST_FALL
         error = (self.coordinate_errors / self._units).max(axis=1)
         return np.asarray(fall & (error <= LEAST_FALL * largest))
 
     def to_dataset(self) -> xr.Dataset:
-        """Everything as an xarray Dataset over t."""
+        """Return all data as an xarray Dataset over t."""
         import xarray as xr
 
         names = [text for name in self.dof_names for text in (name, f"{name}'")]
@@ -135,40 +134,40 @@ class ScalesMotion(Result):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class ScalesResponse(Result):
-    """Steady motions, one a point; several may belong to one value.
+    """Steady motions, one per point; several may belong to one value.
 
     Attributes
     ----------
     parameter : str
-        What was varied.
+        Parameter that varies.
     values : ndarray, shape (n_values,)
     index : ndarray of int, shape (n,)
-        Which value a point belongs to; of one value the smaller motions come first.
+        Index of the value of each point; for one value smaller motions come first.
     amplitudes : complex ndarray, shape (n, n_modes)
         A_j; mode j moves as Re A_j exp(i frequencies_j t).
     frequencies : ndarray, shape (n, n_modes)
     eigenvalues : complex ndarray, shape (n, 2 n_modes)
-        Of the modulation equations.
+        Eigenvalues of the modulation equations.
     harmonics : complex ndarray, shape (n, n_dof)
-        Harmonic of the varied load's frequency in each coordinate, u = Re X exp(i p t), terms of
-        third order included.
+        Harmonic of the varied load's frequency in each coordinate, u = Re X exp(i p t), including
+        terms of third order.
     order_sizes : ndarray, shape (n, 3)
-        What the terms of each order can add up to; as of `ScalesMotion`.
+        Upper bounds of the terms of each order, as in `ScalesMotion`.
     left_out : ndarray, shape (n,)
-        Largest influence of a term near resonance that is not in the modulation equations: its
-        coupling times the amplitudes over its divisor. Below 0.05 as a rule; more where its
-        frequency has no place beside the others and no beats were found. Of motions that beat also
-        0.6 times that of terms farther from a mode than half of its frequency.
+        Largest influence of a near-resonant term that is not part of the modulation equations: its
+        coupling times the amplitudes, divided by its divisor. It is usually below 0.05. It is
+        larger if its frequency does not fit and no beating motion was found. For beating motions it
+        includes 0.6 times the influence of terms farther from a mode than half of its frequency.
     resting_growth : ndarray, shape (n,)
-        Growth of modes at rest by what is not in the modulation equations: terms of fourth order
-        (as at 3 p ~ 2 w1), and under large motions those whose frequency is farther from the mode
-        than half of its own. -inf where there is no such condition.
+        Growth of modes at rest by terms that are not part of the modulation equations: terms of
+        fourth order (as at 3 p ~ 2 w1), and under large motions terms whose frequency is farther
+        from the mode than half of its own. -inf without such a condition.
     n_beats : ndarray of int, shape (n,)
-        Frequencies with which amplitudes beat that have no ratio in whole numbers; 0: the motion is
-        steady. Of those that beat ``amplitudes`` are root mean squares over the beats,
-        ``eigenvalues`` mean rates of growth; ``beating`` gives their lines.
+        Number of incommensurate beat frequencies of the amplitudes; 0 for a steady motion. For
+        beating motions ``amplitudes`` are root mean squares and ``eigenvalues`` mean growth rates;
+        ``beating`` returns the lines.
     plan : Plan
-        What was computed, what was skipped and why.
+        What was computed, and what was skipped and why.
 
     Examples
     --------
@@ -212,7 +211,7 @@ class ScalesResponse(Result):
 
     @property
     def complete(self) -> bool:  # type: ignore[override]
-        """Whether every value has a steady motion."""
+        """True if every value has a steady motion."""
         return bool(np.unique(self.index).size == self.values.size)
 
     def _headline(self) -> str:
@@ -236,14 +235,14 @@ class ScalesResponse(Result):
 
     @property
     def beating_points(self) -> npt.NDArray[np.intp]:
-        """Points whose amplitudes beat."""
+        """Points with beating amplitudes."""
         return np.flatnonzero(np.isin(np.arange(self.index.size), self._lines[0]))
 
     def beating(self, point: int) -> BeatingMotion:
-        """The lines of a motion whose amplitudes beat, and its mean, rms and largest value.
+        """Return the lines of a beating motion with its mean, rms and largest value.
 
-        Where the modulation equations do not decide its stability, a Pendulum's or a CubicSystem's
-        own equations are integrated beside it.
+        If the modulation equations do not decide its stability, the full equations of a Pendulum or
+        a CubicSystem are integrated.
         """
         i = _native.integer("point", point, 0, self.index.size - 1)
         of, frequencies, lines = self._lines
@@ -279,42 +278,42 @@ class ScalesResponse(Result):
     def harmonic_errors(self) -> FloatArray:
         """Estimated error |change of X| of ``harmonics``, shape (n, n_dof).
 
-        What the motion leaves over in the full equations drives a correction, whose size this is;
-        computed when first asked for.
+        It is the size of the correction that the residual of the full equations causes. It is
+        computed on first access.
         """
         return self._all_errors[0]
 
     @property
     def motion_errors(self) -> FloatArray:
-        """The same summed over all frequencies of the motion, shape (n, n_dof)."""
+        """Estimated error summed over all frequencies of the motion, shape (n, n_dof)."""
         return self._all_errors[1]
 
     @property
     def growth_error(self) -> FloatArray:
-        """Estimated error of the largest growth by which ``stable`` is told, shape (n,).
+        """Estimated error of the largest growth, whose sign is ``stable``, shape (n,).
 
-        Terms of fourth order and above, which are left out, move a motion by its ``motion_errors``
-        e, and eigenvalues by 8 max|eigenvalue| e over the motion's size. Modes at rest beside it
-        have what the order that follows does to their growth besides.
+        Neglected terms of fourth order and above change a motion by its ``motion_errors`` e, and
+        eigenvalues by 8 max|eigenvalue| e divided by the size of the motion. Modes at rest also
+        have the effect of the next order on their growth.
         """
         return self._all_errors[2]
 
     @property
     def decided(self) -> npt.NDArray[np.bool_]:
-        """Whether ``stable`` is sure: the growth is larger than its estimated error, shape (n,).
+        """True if the growth exceeds its error, so that ``stable`` is certain, shape (n,).
 
-        Where it is not, Floquet multipliers decide: ``trace_response(...).stable``.
+        Otherwise use Floquet multipliers: ``trace_response(...).stable``.
         """
         return np.asarray(np.abs(self._growth) > self.growth_error)
 
     @property
     def error_estimate(self) -> FloatArray:
-        """``harmonic_errors`` of the coordinate where it is largest, shape (n,)."""
+        """Largest ``harmonic_errors`` of all coordinates, shape (n,)."""
         return np.asarray(self.harmonic_errors.max(axis=1))
 
     @property
     def in_range(self) -> npt.NDArray[np.bool_]:
-        """Whether orders fall off and the error is small against the motion, shape (n,)."""
+        """True if the orders decrease and the error is small relative to the motion, shape (n,)."""
         error = (self.motion_errors / self._units).max(axis=1)
         return np.asarray(
             (falling(self.order_sizes) <= LEAST_FALL)
@@ -324,14 +323,14 @@ class ScalesResponse(Result):
 
     @property
     def at(self) -> FloatArray:
-        """The value each point belongs to, shape (n,)."""
+        """Parameter value of each point, shape (n,)."""
         return self.values[self.index]
 
     @property
     def stable(self) -> npt.NDArray[np.bool_]:
-        """Nothing grows, by eigenvalues or by what is of fourth order, shape (n,).
+        """True if no perturbation grows, by eigenvalues and by terms of fourth order, shape (n,).
 
-        ``decided`` says where the orders left out could change that.
+        ``decided`` states whether neglected orders could change this.
         """
         return np.asarray(self._growth <= _NEUTRAL * self.frequencies.max(axis=1))
 

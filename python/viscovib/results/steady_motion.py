@@ -1,4 +1,4 @@
-"""A motion that repeats, found in time."""
+"""A periodic motion computed in time by shooting."""
 
 from __future__ import annotations
 
@@ -24,44 +24,44 @@ _LEFT = 1e-15
 
 @dataclass(frozen=True, eq=False, repr=False)
 class SteadyMotion(Result):
-    """A motion that repeats after ``n_periods`` periods of its load, by `steady_motion`.
+    """A motion that repeats after ``n_periods`` periods of its load, from `steady_motion`.
 
     Attributes
     ----------
     nu : float
         Circular frequency of the load (rad/s).
     n_periods : int
-        After so many of its periods the motion repeats; ``t`` and ``multipliers`` are of these.
+        Number of load periods after which the motion repeats; ``t`` and ``multipliers`` refer to
+        this time.
     repeats_after : int
-        After so many it does already, as far as its error tells: 1 of 2 where the motion found is
-        one whose period has not doubled.
+        Smallest number of load periods after which the motion repeats within its error: 1 for
+        ``n_periods`` = 2 if the period has not doubled.
     t, state : ndarray, shapes (n,) and (n, 2 n_dof)
-        States at equal times over one period, ends of steps and between: each coordinate and its
-        velocity. ``state[0]`` is the one at t = 0: `simulate` with it as ``initial`` gives states
-        at any other ``times`` (without memory).
+        States at equidistant times over one period: each coordinate and its velocity. For any other
+        ``times`` call `simulate` with ``state[0]`` as ``initial`` (without memory).
     remembered : ndarray, shape (n_hidden,)
-        With memory by exponentials: the rates at t = 0 of what is remembered.
+        With memory by exponentials: the internal rates at t = 0.
     multipliers : complex ndarray, shape (m,)
-        Floquet multipliers, the largest first: what small disturbances are multiplied with in a
-        period of the motion. Friction that sticks on the way, or rest against a stop, forgets:
-        multipliers that are 0 but for rounding.
+        Floquet multipliers, the largest first: factors of small perturbations per period of the
+        motion. Friction that sticks and contact with a stop cause multipliers of 0 within rounding
+        error.
     stable : bool or None
-        Whether all are inside the unit circle; None where the largest is too near to it for
+        True if all multipliers are inside the unit circle; None if the largest is closer to it than
         ``multiplier_error``.
     error : float
-        Estimated largest error of ``state[0]``, velocities divided by ``nu``: what other steps
-        change, the last correction, and rounding, which is enlarged beside folds.
+        Estimated largest error of ``state[0]``, velocities divided by ``nu``, by the step size, the
+        last correction and rounding, which is amplified near folds.
     multiplier_error : float
-        The same of the multipliers.
+        Estimated largest error of the multipliers.
     outcome : str
-        "converged"; "stalled": Newton's method gets no further, or steps become too many;
-        "diverged": the motion escapes. What is not converged is the last try.
+        "converged"; "stalled": Newton's method does not converge, or there are too many steps;
+        "diverged": the motion escapes. Without convergence the last iterate is returned.
     iterations : int
-        Of Newton's method, all told.
+        Total number of Newton iterations.
     passages : int
-        How often laws switch on the way.
+        Number of switches of laws in the motion.
     step : float
-        Step of the method.
+        Step size of the integrator.
 
     Examples
     --------
@@ -94,12 +94,12 @@ class SteadyMotion(Result):
 
     @property
     def complete(self) -> bool:  # type: ignore[override]
-        """Whether it was found."""
+        """True if the motion was found."""
         return self.outcome == "converged"
 
     @property
     def period(self) -> float:
-        """Of the motion: ``n_periods`` of the load."""
+        """Period of the motion: ``n_periods`` periods of the load."""
         return float(self._map.period)
 
     @property
@@ -126,16 +126,16 @@ class SteadyMotion(Result):
         return np.asarray(states[back].reshape(*times.shape, self.state.shape[1]))
 
     def coordinate(self, name: str) -> FloatArray:
-        """Displacement of a coordinate at the times ``t``, shape (n,)."""
+        """Return the displacement of a coordinate at the times ``t``, shape (n,)."""
         return self.state[:, 2 * self._place(name)]
 
     def _place(self, name: str) -> int:
         return self.dof_names.index(_native.choice("name", name, self.dof_names))
 
     def extremes(self, name: str) -> tuple[float, float]:
-        """Smallest and largest displacement of a coordinate, where its velocity is 0.
+        """Return the smallest and largest displacement of a coordinate.
 
-        Between the times ``t`` each turn is located by steps that lead there.
+        Zeros of the velocity between the times ``t`` are located by steps of the integrator.
         """
         d = self._place(name)
         own = self.state[:, 2 * d : 2 * d + 2]
@@ -167,7 +167,7 @@ class SteadyMotion(Result):
         return found | {"outcome": Number(self.outcome)}
 
     def panels(self) -> list[Panel]:
-        """Coordinates over a period."""
+        """Return the coordinates over a period."""
         label = "$t$ (s)" if self.system.time_unit == "s" else r"$\tau$"
         return [
             Panel(self.t, self.state[:, 2 * d], label, name, unit)
@@ -175,7 +175,7 @@ class SteadyMotion(Result):
         ]
 
     def to_dataset(self) -> xr.Dataset:
-        """Everything as an xarray Dataset: states over t, and multipliers."""
+        """Return all data as an xarray Dataset: states over t, and multipliers."""
         import xarray as xr
 
         columns = [f"{name}{dot}" for name in self.dof_names for dot in ("", "_dot")]

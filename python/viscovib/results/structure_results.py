@@ -1,4 +1,4 @@
-"""Responses and branches of structures: coordinates are computed when they are asked for."""
+"""Responses and branches of structures. Coordinates are computed on request."""
 
 from __future__ import annotations
 
@@ -95,7 +95,7 @@ class _OfStructure:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class StructureResponse(_OfStructure, Response):
-    """A `Response` of a structure: ``coefficients`` of its coordinates, computed at first use."""
+    """A `Response` of a structure; ``coefficients`` are computed at first use."""
 
     #: Harmonics of the condensed coordinates, relative to the base, shape (n, q, m).
     _condensed: ComplexArray = field(default_factory=lambda: np.empty(0, complex), repr=False)
@@ -105,19 +105,19 @@ class StructureResponse(_OfStructure, Response):
 
     @cached_property  # type: ignore[misc]
     def coefficients(self) -> ComplexArray:
-        """X_k of the coordinates held."""
+        """X_k of the selected coordinates."""
         view = _known(self._view)
         return view.expand(self.nu, self.harmonics, self._condensed)
 
     def dissipation(self) -> FloatArray:
-        """Energy that each element takes from each motion in a period (J), shape (n, n_elements).
+        """Return the energy loss in each element per period (J), shape (n, n_elements).
 
-        In the order of `Structure.elements`: what its dashpot, its law, its memory and its
-        sliders lose, pi sum_k k Im(F_k conj(D_k)) with the harmonics of its force and of its
-        deflection relative to the base; of a `Jenkins` element 4 F_s (a - F_s/k) at an amplitude
-        a beyond F_s/k. Losses of the structure's own damping, and of memory in its matrices, are
-        not among them. Of a `PolynomialSystem` as of `Response`. Exact for the harmonics kept; laws
-        with kinks or jumps from 16384 samples of the period, to about 1e-6. NaN where no motion was
+        The order is that of `Structure.elements`. The loss is that of dashpot, law, memory and
+        sliders, pi sum_k k Im(F_k conj(D_k)) with the harmonics of force and relative deflection. A
+        `Jenkins` element loses 4 F_s (a - F_s/k) at an amplitude a above F_s/k. The loss by the
+        damping of the structure and by memory in its matrices is not included. For a
+        `PolynomialSystem` see `Response`. The result is exact for the harmonics kept. Laws with
+        kinks or jumps use 16384 samples and are accurate to about 1e-6. NaN where no motion was
         found.
 
         Examples
@@ -164,7 +164,7 @@ class StructureResponse(_OfStructure, Response):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class StructureBranch(_OfStructure, Branch):
-    """A `Branch` of a structure: ``coefficients`` of its coordinates, computed at first use."""
+    """A `Branch` of a structure; ``coefficients`` are computed at first use."""
 
     _condensed: ComplexArray = field(default_factory=lambda: np.empty(0, complex), repr=False)
     _condensed_folds: ComplexArray = field(default_factory=lambda: np.empty(0, complex), repr=False)
@@ -178,7 +178,7 @@ class StructureBranch(_OfStructure, Branch):
 
     @cached_property  # type: ignore[misc]
     def coefficients(self) -> ComplexArray:  # type: ignore[override]
-        """X_k of the coordinates held."""
+        """X_k of the selected coordinates."""
         view = _known(self._view)
         return view.expand(self.nu, self.harmonics, self._condensed, self.load_factor)
 
@@ -192,7 +192,7 @@ class StructureBranch(_OfStructure, Branch):
         return _known(self._view).expand(nu, self.harmonics, self._condensed_folds, factors)
 
     def dissipation(self) -> FloatArray:
-        """As of `StructureResponse`; of a branch over the frequency or the load."""
+        """Energy loss as in `StructureResponse`; for branches over the frequency or the load."""
         if self._parts is not None and isinstance(self._parts.system, PolynomialSystem):
             return super().dissipation()
         self._check_loses()

@@ -1,4 +1,4 @@
-"""Which coordinates of a condensed structure a result shows."""
+"""Selection of the coordinates of a condensed structure in a result."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from viscovib.systems.polynomial_system import PolynomialSystem
 
 @dataclass(frozen=True)
 class View:
-    """A condensed structure under its load, and which of its coordinates a result holds."""
+    """A condensed structure with its load, and the coordinates selected for a result."""
 
     loaded: LoadedStructure
     places: Any

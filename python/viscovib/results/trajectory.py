@@ -1,4 +1,4 @@
-"""A motion in time, however it was integrated."""
+"""A motion in time, by any integrator."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ _ROUNDING = 1e-14
 
 
 def spacing(t: FloatArray) -> float:
-    """How far times are apart; NaN where not equally, or of fewer than two."""
+    """Return the spacing of times; NaN if they are not equidistant or fewer than two."""
     if t.size < 2:
         return math.nan
     step = float(t[-1] - t[0]) / (t.size - 1)
@@ -57,7 +57,7 @@ def spacing(t: FloatArray) -> float:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Passages(Value):
-    """Where an event happened.
+    """Times and states of an event.
 
     Attributes
     ----------
@@ -66,11 +66,11 @@ class Passages(Value):
     state : ndarray, shape (n, 2 n_dof)
         States.
     error : ndarray, shape (n,), or None
-        Estimated errors of the times; None: not estimated, as `Trajectory.error` is not. NaN where
-        a run in other steps has no such passage, though errors of states do not tell that it may
-        be missing. Beside grazing, where it may be, errors go like a root of those of states.
+        Estimated errors of the times; None if `Trajectory.error` is not estimated. NaN if a run
+        with a different step size does not have this event and the errors of the states do not
+        explain it. Near grazing the error grows as the square root of that of the states.
     state_error : ndarray, shape (n,), or None
-        The same of the states: of each the largest error of a coordinate or velocity.
+        Estimated errors of the states: the largest error of a coordinate or velocity.
 
     Examples
     --------
@@ -93,7 +93,7 @@ class Passages(Value):
         return iter((self.t, self.state))
 
     def told(self) -> str:
-        """How many there are, and how sure they are, in a line."""
+        """Return the number of events and their errors in one line."""
         text = things(self.t.size, "passage")
         if self.error is None or self.state_error is None:
             return f"{text}, errors not estimated" if self.t.size else text
@@ -116,37 +116,36 @@ class Trajectory(Result):
     t : ndarray, shape (n,)
         Times of the states kept.
     state : ndarray, shape (n, 2 n_dof)
-        Each coordinate and its velocity: (z, z', phi, phi', psi, psi') of a pendulum, (x, x', phi,
-        phi') of a mount.
+        Each coordinate and its velocity: (z, z', phi, phi', psi, psi') for a pendulum, (x, x', phi,
+        phi') for a mount.
     outcome : str
-        "completed"; "diverged": it escapes to infinity, leaves the range of numbers, or comes to
-        where a force law ends (`reason` names it); of a pendulum: an angle passed 1e6;
-        "unphysical": z = -1, the spring passes through the pivot or comes within 1e-6 of it; "step
-        too large": the motion goes on, but the given steps do not follow it. Runs that end so hold
-        the states before. "event": an event that ends the run.
+        "completed"; "diverged": the motion escapes to infinity, exceeds the range of numbers or the
+        domain of a force law (see `reason`), or an angle of a pendulum exceeds 1e6; "unphysical":
+        the spring of a pendulum reaches its pivot, z = -1; "step too large": the motion continues,
+        but a smaller step size is needed; "event": a terminal event ended the run. The states
+        before the end are kept.
     t_reached : float
-        Time that was reached: where a motion diverges or becomes unphysical it is found inside
-        the step, to rounding. ``keep="last"`` keeps the state there.
+        Final time. If a motion diverges or becomes unphysical, this time is located inside the step
+        to rounding error. ``keep="last"`` keeps the state at this time.
     step : float
-        The step of the method. States kept are ``dt`` apart, which is more where not all are kept.
+        Step size of the integrator. The states kept have the spacing ``dt``.
     method : str
+        Integrator.
     error : float or None
-        Estimated largest error of the states kept and of ``t_reached``, if asked for or ``dt``
-        was "auto"; None of other steps that are given, or taken from a run that is resumed, as
-        summary and plan say; not of a last state at 1e6, which changes faster than any time is
-        known.
+        Estimated largest error of the states kept and of ``t_reached``. None if a step size was
+        given without ``estimate_error=True``, or for a resumed run with a given step size. It does
+        not refer to the final state of an escape.
     resolution : float or None
-        Of motion with memory: the last coefficient in Legendre polynomials of a displacement on
-        a step, the largest of all steps, relative to the largest displacement. At 1e-2 and more
-        steps do not resolve the motion.
+        For motions with memory: the last Legendre coefficient of a displacement in a step, the
+        largest of all steps, relative to the largest displacement. If it is 1e-2 or more, the step
+        size is too large.
     stats : dict
-        "steps"; of a pendulum "evaluations" (of all lanes at once), of systems with memory
-        "iterations".
+        "steps"; for a pendulum "evaluations" (of all lanes), for systems with memory "iterations".
     system : Pendulum, Mount or PolynomialSystem
     events : tuple of Passages
-        Of each event asked for, times ``t``, shape (m,), and states ``state``, shape (m, 2 n_dof),
-        with their estimated errors ``error`` and ``state_error``, shape (m,), if there is one of
-        the run.
+        For each event the times ``t``, shape (m,), and states ``state``, shape (m, 2 n_dof), with
+        estimated errors ``error`` and ``state_error``, shape (m,), if the run has an error
+        estimate.
 
     Examples
     --------
@@ -222,22 +221,23 @@ class Trajectory(Result):
 
     @property
     def dt(self) -> float:
-        """Spacing of the states kept; NaN where they are not equally far apart, or fewer than two.
+        """Spacing of the states kept; NaN if they are not equidistant or fewer than two.
 
-        The step of the method is ``step``.
+        The step size of the integrator is ``step``.
         """
         return spacing(self.t)
 
     @property
     def complete(self) -> bool:  # type: ignore[override]
-        """Whether the motion was followed to the end."""
+        """True if the motion was followed to the end."""
         return self.outcome in ("completed", "event")
 
     @cached_property
     def reason(self) -> str | None:
-        """Why the run ended before its end, where and when, in a sentence; None: it did not.
+        """Reason, location and time of an early end in one sentence; None for a complete run.
 
-        A force law that ends, as a logarithm does, is named with what it reads there.
+        If a force law has no value, such as a logarithm, the text contains the law and its
+        argument.
 
         Examples
         --------
@@ -356,7 +356,7 @@ class Trajectory(Result):
         return found | {"outcome": Number(self.outcome)}
 
     def panels(self) -> list[Panel]:
-        """Coordinates over time."""
+        """Return the coordinates over time."""
         label = "$t$ (s)" if self.system.time_unit == "s" else r"$\tau$"
         return [
             Panel(self.t, self.state[:, 2 * d], label, name, unit)
@@ -369,7 +369,7 @@ class Trajectory(Result):
 
     @cached_property
     def plan(self) -> Plan:
-        """What was computed, what was skipped and why."""
+        """What was computed, and what was skipped and why."""
         return self._planned()
 
     @property
@@ -390,18 +390,18 @@ class Trajectory(Result):
         return tuple(f"{unit}/s" for unit in self.dof_units)
 
     def coordinate(self, name: str) -> FloatArray:
-        """A coordinate by name, "phi", or its velocity, "phi_dot", shape (n,)."""
+        """Return a coordinate by name, "phi", or its velocity, "phi_dot", shape (n,)."""
         names = tuple(f"{d}{dot}" for d in self.dof_names for dot in ("", "_dot"))
         return self.state[:, names.index(_native.choice("name", name, names))]
 
     def energy_defect(self) -> FloatArray:
-        """Energy at each time less that at the first and the work done since, shape (n,).
+        """Return the change of energy minus the work done since the first state, shape (n,).
 
-        Work of the loads less dissipation, by a spline through the power at the states kept: the
-        defect shows the error of the motion once these are close enough for the spline. It is
-        that of the exact equations; `cubic` and `printed` ones do not keep this balance. Of
-        pendulums and of polynomial systems without memory whose forces have a potential: a spring
-        with memory has no energy that its state tells.
+        The work is that of the loads minus dissipation, from a spline through the power at the
+        states kept. The defect shows the error of the motion if the states are close enough for the
+        spline. It refers to the exact equations; `cubic` and `printed` equations do not satisfy
+        this balance. Available for pendulums and for polynomial systems without memory whose forces
+        have a potential.
         """
         from scipy.interpolate import CubicSpline
 
@@ -425,10 +425,10 @@ class Trajectory(Result):
         return {name: p for name, (size, p) in loads.items() if size and p} or None
 
     def to_dataset(self, *, physical: bool = False) -> xr.Dataset:
-        """Coordinates and velocities as an xarray Dataset over t.
+        """Return coordinates and velocities as an xarray Dataset over t.
 
-        With ``physical=True`` in s, m and rad: of a mount they are, of a pendulum if it was built
-        from physical units; z is then the extension beyond static.
+        With ``physical=True`` units are s, m and rad: always for a mount, for a pendulum if it was
+        created from physical units. z is then the extension beyond the static one.
         """
         import xarray as xr
 
@@ -477,7 +477,7 @@ class Trajectory(Result):
 
 
 def given_plan(plan: Plan) -> Plan:
-    """Return the plan itself: a function that pickles."""
+    """Return the plan itself: a function that can be pickled."""
     return plan
 
 
