@@ -134,9 +134,9 @@ def descend(
     with np.errstate(all="ignore"):
         try:
             found = least_squares(
-                lambda x: np.nan_to_num(residual(x), nan=1e6, posinf=1e6, neginf=-1e6),
+                lambda x: _finite(residual(x), 1e6),
                 start,
-                jac=lambda x: np.nan_to_num(slopes(x), nan=0.0, posinf=0.0, neginf=0.0),
+                jac=lambda x: _finite(slopes(x), 0.0),
                 method="lm",
                 xtol=1e-6 if rough else 1e-13,
                 ftol=1e-8 if rough else 1e-14,
@@ -146,3 +146,10 @@ def descend(
         except (ValueError, np.linalg.LinAlgError, InputError):
             return start
     return np.asarray(found.x)
+
+
+def _finite(values: FloatArray, instead: float) -> FloatArray:
+    """Values with a number in the place of those that are not finite."""
+    if np.isfinite(values).all():
+        return values
+    return np.nan_to_num(values, nan=instead, posinf=instead, neginf=-instead)

@@ -73,24 +73,26 @@ class Model:
     def split(self, theta: FloatArray) -> tuple[float, FloatArray, FloatArray, FloatArray]:
         """M_0, alphas, taus, parts of the integral."""
         alphas, taus, ws = self._places
-        modulus = self.modulus or _power(theta[0])
-        logits = np.clip(theta[alphas], -_FARTHEST, _FARTHEST)
-        alpha = LEAST_ALPHA + (1 - LEAST_ALPHA) / (1 + np.exp(-logits))
-        tau = np.array([self.unit if i < 0 else _power(theta[i]) for i in taus])
-        return modulus, alpha, tau, self._integrals(theta[ws])
+        # Floats: arrays of so few numbers cost more than their arithmetic.
+        x = [min(max(value, -_FARTHEST), _FARTHEST) for value in theta.tolist()]
+        modulus = self.modulus or math.exp(x[0])
+        own = 1 - LEAST_ALPHA
+        alpha = np.array([LEAST_ALPHA + own / (1 + math.exp(-x[i])) for i in alphas])
+        tau = np.array([self.unit if i < 0 else math.exp(x[i]) for i in taus])
+        return modulus, alpha, tau, np.array(self._integrals([x[i] for i in ws]))
 
-    @property
+    @cached_property
     def bounded(self) -> bool:
         """Whether the integral stays below 1."""
         return not self.free and "abel" not in self.parts
 
-    def _integrals(self, w: FloatArray) -> FloatArray:
-        w = np.clip(w, -_FARTHEST, _FARTHEST)
+    def _integrals(self, w: list[float]) -> list[float]:
         if not self.bounded:
-            return np.exp(w)
-        top = max(float(w.max()), 0.0)
-        powers = np.exp(w - top)
-        return np.asarray(MOST_INTEGRAL * powers / (math.exp(-top) + powers.sum()))
+            return [math.exp(value) for value in w]
+        top = max(0.0, *w)
+        powers = [math.exp(value - top) for value in w]
+        scale = MOST_INTEGRAL / (math.exp(-top) + sum(powers))
+        return [scale * power for power in powers]
 
     def splits(self, thetas: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
         """`split` of many unknowns, shape (m, size)."""
@@ -187,13 +189,33 @@ class Model:
             return float(np.exp(value))
 
     def turned_slopes(self, theta: FloatArray) -> FloatArray:
-        """Derivatives of `turned` by the unknowns, shape (size, size), by central differences."""
-        slopes = np.empty((self.size, self.size))
-        for j in range(self.size):
-            h = 1e-5 * max(1.0, abs(theta[j]))
-            step = np.zeros(self.size)
-            step[j] = h
-            slopes[:, j] = (self.turned(theta + step) - self.turned(theta - step)) / (2 * h)
+        """Derivatives of `turned` by the unknowns, shape (size, size)."""
+        from scipy.special import digamma
+
+        _, alpha, tau, p = self.split(theta)
+        alphas, taus, ws = self._places
+        slopes = np.zeros((self.size, self.size))
+        if not self.modulus:
+            slopes[0, 0] = 1.0
+        row = 0 if self.modulus else 1
+        for k, part in enumerate(self.parts):
+            a, log_tau = float(alpha[k]), math.log(tau[k])
+            by_logit = (a - LEAST_ALPHA) * (1 - a) / (1 - LEAST_ALPHA)
+            # ln(p tau^-alpha), of a power law also / Gamma(alpha).
+            own = -log_tau if part == "rabotnov" else -log_tau - float(digamma(a))
+            slopes[row, alphas[k]] = own * by_logit
+            if self.bounded:
+                slopes[row, ws] = -p / MOST_INTEGRAL
+            slopes[row, ws[k]] += 1.0
+            slopes[row + 1, alphas[k]] = 1.0
+            if part != "abel":
+                slopes[row, taus[k]] = -a
+                slopes[row + 2, taus[k]] = -a if part == "rabotnov" else -1.0
+            if part == "rabotnov":
+                slopes[row + 2, alphas[k]] = -log_tau * by_logit
+            row += 2 if part == "abel" else 3
+        # Beyond the farthest nothing moves.
+        slopes[:, np.abs(theta) > _FARTHEST] = 0.0
         return slopes
 
     def modulus_at(
@@ -259,11 +281,6 @@ class Model:
         return inverse_laplace(
             lambda log_s: 1 / (np.exp(log_s) * self.modulus_at(log_s, theta)[0]), times
         )
-
-
-def _power(x: float) -> float:
-    """exp(x), of what is too far the end of what is sought."""
-    return math.exp(min(max(x, -_FARTHEST), _FARTHEST))
 
 
 def _logit(alpha: float) -> float:
