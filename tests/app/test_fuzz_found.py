@@ -16,7 +16,7 @@ from scenes import drive  # noqa: E402
 def test_a_finding_stays_mended(solve, tmp_path, scene):
     driver = Path(solve("--version").args[0])
     bounded = "sanitize" not in os.environ.get("VISCOVIB_SOLVE", "")
-    case = drive(scene.read_bytes(), driver, tmp_path / "work", "found", bounded=bounded)
+    case = drive(scene.read_bytes(), driver, tmp_path / "work", "found", bounded=bounded, seconds=1)
     assert case.ending.good, case.ending
 
 

@@ -138,7 +138,7 @@ def variational(nu, k, x, geometry):
 @pytest.mark.parametrize("load", [0.5, {1: 0.5, 0: 0.3j}])
 def test_multipliers_keep_ten_digits(geometry, load):
     branch = vv.trace_response(damped(geometry=geometry), (0.5, 10), load=load)
-    for i in range(3, branch.nu.size, branch.nu.size // 9):
+    for i in range(3, branch.nu.size, branch.nu.size // 4):
         matrix = variational(branch.nu[i], branch.harmonics, branch.coefficients[i], geometry)
         expected = np.linalg.eigvals(matrix)
         apart = np.abs(branch.multipliers[i][:, None] - expected)
@@ -657,7 +657,7 @@ def random_branches(seed, count):
 def test_folds_come_in_pairs_and_once_each():
     """One in 50 of these had lost a fold or told one twice, one in 1000 met another branch."""
     n_completed = 0
-    for branch in random_branches(5, 400):
+    for branch in random_branches(5, 200):
         if branch.outcome != "completed":
             continue
         n_completed += 1
@@ -666,7 +666,7 @@ def test_folds_come_in_pairs_and_once_each():
         turns = np.count_nonzero(np.diff(np.sign(np.diff(branch.nu))))
         assert branch.folds.size >= turns
         assert (np.diff(np.sort(branch.folds)) > 1e-9).all()
-    assert n_completed > 380
+    assert n_completed > 190
 
 
 def nearest(branch, nu, motion):

@@ -46,7 +46,8 @@ def test_sums_of_random_kinked_systems(which):
     """Damping from hardly any to far beyond critical; of what fades by many orders too."""
     law, force, slope = LAWS[which]
     rng = np.random.default_rng(100 + which)
-    for i in range(4):
+    # Half of the four kinds for each law.
+    for i in (0, 3) if which % 2 else (1, 2):
         k, c = 10 ** rng.uniform(-0.5, 1.5), 10 ** rng.uniform(-2, (0, 1.9)[i % 2])
         load, nu = (0.0, 0.5, 2.0)[(i + which) % 3], rng.uniform(0.3, 2) * np.sqrt(k)
         # The trace is that of the motion only where it does not rest on a corner.

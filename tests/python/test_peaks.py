@@ -92,10 +92,11 @@ def test_coarse_grids_find_the_peak_of_random_systems(method):
         )  # fmt: skip
 
         def size(nu, m=mass, c=damping, k=stiffness, p=load):
-            return abs(np.linalg.solve(k - nu**2 * m + 1j * nu * c, p)[0])
+            nu = np.asarray(nu)[..., np.newaxis, np.newaxis]
+            return np.abs(np.linalg.solve(k - nu**2 * m + 1j * nu * c, p[:, np.newaxis]))[..., 0, 0]
 
         fine = np.linspace(0.05, 4, 20_000)
-        values = np.array([size(v) for v in fine])
+        values = size(fine)
         i = int(values.argmax())
         best = minimize_scalar(lambda v: -size(v), bounds=(fine[i - 1], fine[i + 1]),
                                method="bounded", options={"xatol": 1e-10})  # fmt: skip

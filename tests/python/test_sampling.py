@@ -29,7 +29,7 @@ def _parts(law, switch, nu, k, x):
 
     ends = np.linspace(0, 2 * np.pi, 129)
     if switch is not None:
-        at = np.linspace(0, 2 * np.pi, 200001)
+        at = np.linspace(0, 2 * np.pi, 20001)
         sides = switch(*motion(at)) > 0
         places = np.flatnonzero(sides[1:] != sides[:-1])
         low, high = at[places], at[places + 1]

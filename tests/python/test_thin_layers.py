@@ -69,8 +69,8 @@ def state(
         speed = abs(rates(t, y)[1] if of_rate else y[1]) + abs(strength) + 0.1
         inside = abs(operand(y)) <= reach * (1 + 1e-6)
         run = solve_ivp(
-            rates, (t, t_end), y, method="DOP853", rtol=1e-12, atol=1e-14, events=edges,
-            max_step=0.4 * width / speed if inside else LONGEST,
+            rates, (t, t_end), y, method="DOP853", rtol=1e-11, atol=1e-13, events=edges,
+            max_step=width / speed if inside else LONGEST,
         )  # fmt: skip
         t, y = run.t[-1], run.y[:, -1]
         if t < t_end:

@@ -168,7 +168,7 @@ def kinked_system(rng, index):
 
 @pytest.mark.filterwarnings("ignore::viscovib.ConvergenceWarning")
 def test_estimates_beside_kinks():
-    """Of 42 systems, 5 to 49 orders: waveforms against thrice as many are off by no more.
+    """Of 24 systems, 5 to 31 orders: waveforms against thrice as many are off by no more.
 
     That is few orders, of which none tells how they fall off, and sliders in parallel, whose orders
     beat: the next one may be zero where those after it are not.
@@ -176,9 +176,9 @@ def test_estimates_beside_kinks():
     rng = np.random.default_rng(2)
     phase = np.linspace(0, 2 * np.pi, 999)
     ratios = []
-    for i in range(42):
+    for i in range(24):
         system = kinked_system(rng, i)
-        few = int(rng.choice([5, 7, 15, 31, 49]))
+        few = int(rng.choice([5, 7, 15, 31]))
         nu, load = rng.uniform(0.3, 2.5), [rng.uniform(0.2, 2), 0][: len(system.mass)]
         a, b = (
             vv.forced_response(system, nu, load=load, harmonics=k, method="newton")
@@ -190,7 +190,7 @@ def test_estimates_beside_kinks():
             (r.coefficients[0] @ np.exp(1j * np.outer(r.harmonics, phase))).imag for r in (a, b)
         )
         ratios.append(np.linalg.norm(x - y) / np.linalg.norm(y) / (a.truncation[0] + 1e-9))
-    assert len(ratios) > 35
+    assert len(ratios) > 20
     assert max(ratios) < 1.1
     # And not by far less: an estimate that is ten times the error is of no use.
     assert np.median(ratios) > 0.15
@@ -227,7 +227,7 @@ def test_successive_approximations_tell_what_orders_and_samples_leave():
     """Forces of rates, of jumps and kinks: against Newton's method with far more orders."""
     rng = np.random.default_rng(12)
     ratios = []
-    for k in range(60):
+    for k in range(36):
         law = LAWS[k % len(LAWS)].replace("A", f"{10 ** rng.uniform(-2, -0.5):.3g}")
         memory = vv.PronyKernel(weights=[0.1], rates=[0.7]) if k % 3 == 0 else None
         system = vv.PolynomialSystem(
@@ -244,7 +244,7 @@ def test_successive_approximations_tell_what_orders_and_samples_leave():
         true = size([1], lacking) / size([1], exact.coefficients[0])
         if true > 3 * exact.truncation[0] + 1e-11:
             ratios.append(true / (found.truncation[0] + 1e-10))
-    assert len(ratios) > 25
+    assert len(ratios) > 15
     assert max(ratios) < 3
 
 
