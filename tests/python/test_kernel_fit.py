@@ -104,7 +104,8 @@ def test_relaxation_and_ramp(kind):
 @pytest.mark.filterwarnings("ignore::viscovib.ConvergenceWarning")
 def test_a_ramp_taken_as_a_step_is_told():
     true, late = KERNELS["rzhanitsyn"], np.geomspace(1e-3, 1e3, 50) + 1.0
-    from viscovib.rubber.models import ramped
+    from viscovib.rubber.models import Model
+from viscovib.rubber.models import ramped
 
     force = MODULUS * ramped(true, late, 1.0)
     with pytest.warns(vv.ConvergenceWarning, match="a ramp taken as a step"):
@@ -594,3 +595,20 @@ def test_intervals_hold_the_truth_as_often_as_they_say(noise):
             low, high = fit.interval[name]
             inside.append(low <= true <= high)
     assert 0.92 < np.mean(inside) < 0.99, np.mean(inside)
+
+
+@pytest.mark.parametrize(
+    "parts", [("rabotnov",), ("rzhanitsyn",), ("abel",), ("rabotnov", "abel"), ("rzhanitsyn",) * 2]
+)
+@pytest.mark.parametrize("free", [False, True])
+@pytest.mark.parametrize("modulus", [None, 2e5])
+def test_slopes_of_parameters_are_differences(parts, free, modulus):
+    """Closed forms against central differences; one set of unknowns against many."""
+    model = Model(parts, free, modulus, unit=3.0)
+    for theta in np.random.default_rng(0).uniform(-3, 3, (5, model.size)):
+        steps = 1e-5 * np.eye(model.size)
+        pairs = [(model.turned(theta + h), model.turned(theta - h)) for h in steps]
+        slopes = np.array([(b - a) / 2e-5 for b, a in pairs]).T
+        np.testing.assert_allclose(model.turned_slopes(theta), slopes, atol=1e-8)
+        for one, many in zip(model.split(theta), model.splits(theta[np.newaxis]), strict=True):
+            np.testing.assert_allclose(one, np.ravel(many), rtol=1e-13)
