@@ -1,4 +1,4 @@
-"""Backbone curves: free periodic motions of systems without losses."""
+"""Backbone curves: free periodic motions of systems without damping."""
 
 from __future__ import annotations
 
@@ -41,10 +41,10 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class BackbonePoint(Value):
-    """Where another family of free motions leaves.
+    """A point at which a second branch of free motions crosses.
 
-    Value of what varies, frequency, X_k there, the last point before it; ``across`` is the
-    direction of the other family in X_k.
+    It contains the parameter value, the frequency, X_k and the index of the point before.
+    ``across`` is the direction of the second branch in X_k.
 
     Examples
     --------
@@ -66,55 +66,54 @@ class BackbonePoint(Value):
 class Backbone(PeriodicMotions, Result):
     """A nonlinear normal mode u = Im sum_k X_k exp(i k nu t) = sum_k a_k cos(k nu t).
 
-    Every motion begins at rest, u'(0) = 0, so that X_k = i a_k.
+    Every motion starts with zero velocity, u'(0) = 0, so X_k = i a_k.
 
     Attributes
     ----------
     nu : ndarray, shape (n,)
         Circular frequencies (rad/s), in the order followed.
     harmonics : ndarray of int, shape (m,)
-        Orders k kept.
+        Harmonics k that are kept.
     coefficients : complex ndarray, shape (n, n_dof, m)
         X_k.
     truncation : ndarray, shape (n,)
-        Estimated change if all orders were kept: of the motion relative to its size, or of its
-        frequency, whichever is larger; at most 1, which also stands where nothing can be told.
+        Estimated relative error of the motion or of its frequency by neglected harmonics, whichever
+        is larger; at most 1, which also stands for unknown.
     error : ndarray, shape (n,)
-        Estimated error of each point at its value of what varies, of the motion relative to its
-        size or of its frequency, whichever is larger: what the last correction and rounding leave.
-        Stiff springs beside soft ones, or a fold, where a small change of what varies is a large
-        one of the motion, may raise it above ``tolerance``.
+        Estimated relative error of the motion at its parameter value, or of its frequency,
+        whichever is larger, by the last correction and rounding. It may exceed ``tolerance`` with
+        springs of very different stiffness, or near a fold, where the motion changes fast with the
+        parameter.
     mode : int
-        The linear mode it grew from, counted from 0.
+        Index of the linear mode at its start, from 0.
     outcome : str
-        "completed"; "step limit": max_points reached; "fold limit": max_folds reached; "stuck":
-        no smaller step helps;
-        "returned": back at the size it began with, as where modes are in internal resonance and
-        the motion becomes one of a higher mode; "closed": back at the first point; "overflow";
-        "unphysical": no motion oscillates beyond; of a pendulum, it reaches z = -1; "unresolved":
-        the harmonics no longer hold the motion, as beside a homoclinic orbit, where the period
-        grows without bounds: orders left out are as large as those kept in all that was followed
-        beyond the last point.
+        "completed"; "step limit": max_points reached; "fold limit": max_folds reached; "stuck": no
+        smaller step size helps; "returned": back at the initial size, as with an internal resonance
+        where the motion becomes that of a higher mode; "closed": back at the first point;
+        "overflow"; "unphysical": no oscillation exists beyond, or a pendulum reaches z = -1;
+        "unresolved": the harmonics no longer represent the motion, as near a homoclinic orbit,
+        whose period is infinite.
     plan : Plan
-        What was computed, what was skipped and why.
+        What was computed, and what was skipped and why.
     varies : str
         "amplitude" or "energy".
     energy : ndarray, shape (n,), or None
-        Of a pendulum: `Pendulum.energy`.
+        For a pendulum: `Pendulum.energy`.
     folds : ndarray, shape (n_folds,)
-        Values of what varies where it turns back.
+        Parameter values at which the curve turns back.
     fold_errors : ndarray, shape (n_folds,)
-        Estimated error of each, in the unit of what varies: what leaving out harmonics, and
-        rounding, move it by.
+        Estimated error of each fold by neglected harmonics and rounding, in the unit of the
+        parameter.
     branch_points : tuple of BackbonePoint
-        Of a pendulum: where other families leave; each may be given to `backbone` as ``leave``.
+        For a pendulum: points at which a second branch crosses. Pass one of them to `backbone` as
+        ``leave``.
     multipliers : complex ndarray, shape (n, 6), or None
-        Of a pendulum: Floquet multipliers over 2 pi/nu, largest first. Two are 1 whatever the
-        motion, but computed only to the root of rounding.
+        For a pendulum: Floquet multipliers over 2 pi/nu, largest first. Two multipliers are 1 for
+        every motion, with an error of the square root of the rounding error.
     stable : ndarray of bool, shape (n,), or None
-        Whether no disturbance grows exponentially: no multiplier beyond 1 + 1e-6.
+        True if no perturbation grows exponentially: no multiplier above 1 + 1e-6.
     growing : ndarray of int, shape (n,), or None
-        How many multipliers are beyond that; -1: unknown.
+        Number of multipliers above this value; -1: unknown.
 
     Examples
     --------
@@ -154,7 +153,7 @@ class Backbone(PeriodicMotions, Result):
 
     @property
     def complete(self) -> bool:  # type: ignore[override]
-        """Whether all of it was followed, and with enough harmonics."""
+        """True if the whole curve was followed with enough harmonics."""
         return self.outcome == "completed" and not self._short
 
     @property
@@ -199,7 +198,7 @@ class Backbone(PeriodicMotions, Result):
         }
 
     def panels(self) -> list[Panel]:
-        """Amplitudes over frequency, each of the order of which there is most."""
+        """Return amplitudes over frequency, each of the largest harmonic."""
         return largest_panels(self, self.nu, f"$\\nu$ ({self._unit})" if self._unit else r"$\nu$")
 
     def _pieces(self) -> tuple[int, str, str]:
@@ -210,16 +209,16 @@ class Backbone(PeriodicMotions, Result):
         return self.nu, self.harmonics, self.coefficients
 
     def amplitude(self, dof: int | str, harmonic: int = 1) -> FloatArray:
-        """Size of a harmonic of a coordinate, shape (n,)."""
+        """Return the amplitude of a harmonic of a coordinate, shape (n,)."""
         return np.abs(self.coefficient(dof, harmonic))
 
     @property
     def start(self) -> FloatArray:
-        """u(0), shape (n, n_dof): from there, at rest, the motion is periodic."""
+        """u(0), shape (n, n_dof): with zero velocity the motion from there is periodic."""
         return np.asarray(self.coefficients.imag.sum(axis=2))
 
     def to_dataset(self) -> xr.Dataset:
-        """Everything as an xarray Dataset over the points."""
+        """Return all data as an xarray Dataset over the points."""
         import xarray as xr
 
         data: dict[str, Any] = {
@@ -372,9 +371,9 @@ def oscillator_backbone(
 def warn_of_doubts(
     truncation: FloatArray, off: FloatArray, wanted: tuple[float, FloatArray], highest: int
 ) -> None:
-    """Warn the caller of `backbone` where orders are too few, or rounding leaves too much.
+    """Warn the caller of `backbone` of too few harmonics or too large rounding errors.
 
-    ``wanted``: the tolerance, and with an absolute one what is allowed of each point.
+    ``wanted``: the tolerance, and with an absolute tolerance the allowed error of each point.
     """
     tolerance, allowed = wanted
     warn_of_rounding(off, tolerance, allowed)

@@ -1,4 +1,4 @@
-"""Basins of attraction: where motions from a grid of starts settle."""
+"""Basins of attraction."""
 
 from __future__ import annotations
 
@@ -43,32 +43,31 @@ _NEARER, _STANDS = 0.5, 1e-12
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Basins(Result):
-    """Which attractor a motion from each start of a grid settles on.
+    """The attractor of each start of a grid.
 
     Attributes
     ----------
     labels : ndarray of int, shape (n_y, n_x)
-        Place in ``attractors``; -1: has not settled (slow, still creeping, chaotic, of a longer
-        period, or on a motion that does not attract, such as a saddle); -2: the run did not reach
-        its end (it diverged).
+        Index in ``attractors``; -1: not settled (slow, creeping, chaotic, a longer period, or a
+        motion that does not attract, such as a saddle); -2: the run did not reach its end (it
+        diverged).
     attractors : tuple of ndarray, shape (period, 2 n_dof)
-        States of each attractor, one a period of the load, those with more starts first; of a
-        system without a load its state of rest.
+        States of each attractor, one per period of the load, those with more starts first; without
+        a load the equilibrium.
     share : ndarray, shape (n_attractors,)
-        Part of the starts that settle on each.
+        Fraction of the starts that settle on each attractor.
     rest : ndarray, shape (n_attractors,)
-        How sure an attractor is: the largest part of a small disturbance that is left after as
-        long again as the runs were (below 0.5, but where friction holds what it can).
+        Certainty of an attractor: the largest remaining fraction of a small perturbation after a
+        second run of the same length (below 0.5, except with dry friction).
     moved : ndarray, shape (n_y, n_x)
-        How sure a label is: by how much the last period of a motion differs from the one before
-        (or the last state from that some time before), of the scale that ``tolerance`` has; NaN of
-        a run that did not reach its end.
+        Certainty of a label: the change of a motion in its last period (or in the final part of the
+        run), relative to the scale of ``tolerance``; NaN if the run did not reach its end.
     names : tuple of str
-        What varies along x and y.
+        Quantities that vary along x and y.
     x, y : ndarray
         The starts.
     tolerance : float
-        How near states are that count as the same.
+        Distance of states that count as equal.
     system : Pendulum, PolynomialSystem, Structure or Mount
 
     Examples
@@ -97,7 +96,7 @@ class Basins(Result):
 
     @property
     def complete(self) -> bool:  # type: ignore[override]
-        """Whether every start is known to settle on one of the attractors."""
+        """True if every start settles on one of the attractors."""
         return bool((self.labels >= 0).all())
 
     def _headline(self) -> str:
@@ -114,7 +113,7 @@ class Basins(Result):
         return ["; ".join(part for part in parts if part)]
 
     def to_dataset(self) -> xr.Dataset:
-        """Labels over both starts."""
+        """Return the labels over both starts."""
         import xarray as xr
 
         x, y = self.names
@@ -140,39 +139,38 @@ def basins(
     n_threads: int | None = None,
     progress: bool = False,
 ) -> Basins:
-    """Find where motions from a grid of starts settle.
+    """Find the attractors of motions from a grid of starts.
 
-    Under a load the states after each period are compared with each other: a motion has settled on
-    period p where the state repeats after p periods. Without one the state itself stands still.
+    Under a load the states after each period are compared: a motion has settled on period p if its
+    state repeats after p periods. Without a load the state must be constant.
 
     Parameters
     ----------
     system : Pendulum, PolynomialSystem, Structure or Mount
         As for `simulate_ensemble`.
     starts : mapping of two names to array_like
-        {"x": values, "x_dot": values}: coordinates or velocities and their starts, x and y. A
-        start is the state at t = 0 without a past: no kernel has relaxed, and sliders follow their
-        first loading from the undeformed position to the start. Where forces remember, the map is
-        this cut of what leads to an attractor.
+        {"x": values, "x_dot": values}: coordinates or velocities and their initial values, x and y.
+        A start is the state at t = 0 with no history: kernels are not relaxed, and sliders follow
+        their first loading from the undeformed position to the start.
     n_periods : int
         Length of the runs in periods of the load, more than twice ``max_period``.
     t_end : float
-        The same in time, of a system without a load, as a pendulum is without f0, m01 and m02.
+        Length in time for a system without a load, such as a pendulum without f0, m01 and m02.
     load, nu
-        Of a polynomial system: as for `simulate`.
+        For a polynomial system: as for `simulate`.
     others : array_like, shape (2 n_dof,), optional
-        The start in all else; None: 0.
+        Initial values of all remaining quantities; None: 0.
     sections : {1, 2, 3}
-        Of a pendulum: which load's periods are meant.
+        For a pendulum: the load whose period is used.
     max_period : int
-        The longest period looked for.
+        The longest period that is searched.
     tolerance : float
-        How near states must be to count as the same, relative to the largest value of each
-        coordinate in the starts, on the way from some of them and at the ends, velocities to that
-        times the fastest frequency.
+        Distance of states that count as equal, relative to the largest value of each coordinate in
+        the starts, in some whole motions and at the ends; for velocities times the highest
+        frequency.
     dt : float or "auto"
-        Step. "auto": that by which some of the motions are exact to 1e-6 over three periods; those
-        that settle forget the errors of their steps.
+        Step size. "auto": some of the motions are accurate to 1e-6 over three periods. Motions that
+        settle forget the errors of their steps.
     n_threads, progress
         As for `simulate_ensemble`.
 

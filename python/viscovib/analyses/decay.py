@@ -1,4 +1,4 @@
-"""Free decay: frequencies and logarithmic decrements of a motion that dies away."""
+"""Free decay: frequencies and logarithmic decrements."""
 
 from __future__ import annotations
 
@@ -21,11 +21,12 @@ class FreeDecay(Value):
     Attributes
     ----------
     roots : complex ndarray, shape (n,)
-        s with positive imaginary part (1/time) of the motions Re(a exp(s t)), the largest first.
+        s with positive imaginary part (1/time) of the motions Re(a exp(s t)), the largest motion
+        first.
     amplitudes : complex ndarray, shape (n, n_dof)
         a of each coordinate, at t = 0 of the trajectory.
     residual : float
-        Largest rest of a coordinate, relative to its largest value.
+        Largest residual of a coordinate, relative to its largest value.
 
     Examples
     --------
@@ -65,23 +66,23 @@ def free_decay(trajectory: Trajectory, *, count: int = 2, start: float = 0.0) ->
     Parameters
     ----------
     trajectory : Trajectory
-        Kept at equal steps (``save_every``), at least 8 ``count`` states after ``start``, more
-        than two a period of the fastest oscillation.
+        With equidistant states (``save_every``), at least 8 ``count`` states after ``start``, more
+        than two per period of the fastest oscillation.
     count : int
-        Oscillations wanted.
+        Number of oscillations.
     start : float
-        Leave out what is before this time: with memory a slow creep, no oscillation, is part of
-        the beginning.
+        Leave out the part before this time: with memory the beginning contains a slow creep, which
+        is not an oscillation.
 
     Warns
     -----
     ConvergenceWarning
-        If velocities tell swings that are too fast for the states kept.
+        If the velocities show oscillations that are too fast for the states kept.
 
     Notes
     -----
-    Matrix pencil (Hua and Sarkar, IEEE Trans. Acoust. 38, 1990) of all coordinates at once, with
-    ``2 count`` exponentials more than oscillations for what does not oscillate.
+    Matrix pencil (Hua and Sarkar, IEEE Trans. Acoust. 38, 1990) of all coordinates together, with
+    ``2 count`` additional exponentials for non-oscillatory parts.
 
     Examples
     --------

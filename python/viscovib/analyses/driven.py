@@ -51,53 +51,55 @@ _FIRST = {1: 9, 2: 5, 3: 4}
 
 @dataclass(frozen=True, eq=False, repr=False)
 class DrivenResponse(Result):
-    """Steady motions q = Im sum_k X_k exp(i k.omega t) of the pendulum, one a row.
+    """Steady motions q = Im sum_k X_k exp(i k.omega t) of the pendulum, one per row.
 
-    Periodic if there is one base frequency omega, quasi-periodic if there are more; half of the
-    lattice of orders k is kept, X_(-k) = -conj X_k.
+    They are periodic with a single base frequency omega, otherwise quasi-periodic. Half of the
+    lattice of orders k is stored, X_(-k) = -conj X_k.
 
     Attributes
     ----------
     varies : str or None
-        What varies from row to row: "p1", "p2", "p3", "f0", "m01", "m02", "nu"; None: a single row.
+        Parameter that varies from row to row: "p1", "p2", "p3", "f0", "m01", "m02", "nu"; None: a
+        single row.
     parameter : ndarray, shape (n,)
         Its values (the base frequency if nothing varies).
     axes : tuple of str
-        Which frequencies the base frequencies are; "nu" one of which several are multiples.
+        Names of the base frequencies; "nu" for a common base frequency of several loads.
     base : ndarray, shape (n, n_axes)
         Base circular frequencies.
     orders : ndarray of int, shape (m, n_axes)
         k, the mean first.
     coefficients : complex ndarray, shape (n, 3, m)
-        X_k of z, phi (rad), psi (rad), the mean of a coordinate being Im X_0; NaN where no
-        solution was found.
+        X_k of z, phi (rad), psi (rad), the mean of a coordinate being Im X_0; NaN without a
+        solution.
     outcome : ndarray of str, shape (n,)
-        "converged", "stalled", "diverged" (also: out of the physical range z > -1), "singular" or
+        "converged", "stalled", "diverged" (also: outside the physical range z > -1), "singular" or
         "overflow".
     iterations : ndarray of int, shape (n,)
     highest : ndarray of int, shape (n,)
-        Highest order kept, with several base frequencies highest |k1| + |k2| + ... ; 0 where no
-        solution was found.
+        Highest harmonic, with several base frequencies highest |k1| + |k2| + ... ; 0 without a
+        solution.
     truncation : ndarray, shape (n,)
-        Estimated relative error of leaving out higher orders: what the next two shells of them
-        would change, against the largest of all; NaN where no solution was found.
+        Estimated relative error by neglected harmonics: the change by the next two shells of
+        orders, relative to the largest coefficient; NaN without a solution.
     error : ndarray, shape (n,)
-        Estimated relative error of each motion as a solution of the equations of the orders kept:
-        what the last correction and rounding leave, against the largest of all. NaN where no
-        solution was found, or its derivatives are singular.
+        Estimated relative error of each motion as a solution of the equations with the harmonics
+        kept, by the last correction and rounding, relative to the largest coefficient. NaN without
+        a solution, or with singular derivatives.
     multipliers : complex ndarray, shape (n, 6), or None
         Floquet multipliers over a period of the base frequency, largest first; None with several
-        base frequencies, or if not asked for. NaN where unknown.
+        base frequencies, or if not requested. NaN if unknown.
     growth : ndarray, shape (n, 6), or None
-        Rates at which small disturbances grow (Lyapunov exponents), largest first. NaN where
-        unknown.
+        Growth rates of small perturbations (Lyapunov exponents), largest first. NaN if unknown.
     growth_error : ndarray, shape (n, 6), or None
-        Estimated errors of rates that are means over a ``duration``; None of periodic motions.
+        Estimated errors of the rates, which are means over a ``duration``; None for periodic
+        motions.
     stable : ndarray of bool, shape (n,), or None
-        Whether all of them decay. Where no solution was found, where multipliers or rates are
-        unknown, or a rate is smaller than its error, the array holds objects: True, False and None.
+        True if all perturbations decay. If there is no solution, if multipliers or rates are
+        unknown, or if a rate is smaller than its error, the array contains objects: True, False and
+        None.
     plan : Plan
-        What was computed, what was skipped and why.
+        What was computed, and what was skipped and why.
 
     Examples
     --------
@@ -138,7 +140,7 @@ class DrivenResponse(Result):
 
     @property
     def complete(self) -> bool:  # type: ignore[override]
-        """Whether all motions are solved."""
+        """True if all motions are solved."""
         return bool(self.converged.all())
 
     def _headline(self) -> str:
@@ -156,25 +158,25 @@ class DrivenResponse(Result):
 
     @property
     def nu(self) -> FloatArray:
-        """Base frequencies, shape (n,) if there is one axis."""
+        """Base frequencies, shape (n,) for a single axis."""
         return self.base[:, 0] if len(self.axes) == 1 else self.base
 
     @property
     def harmonics(self) -> IntArray:
-        """Orders, shape (m,) if there is one axis."""
+        """Harmonics, shape (m,) for a single axis."""
         return self.orders[:, 0] if len(self.axes) == 1 else self.orders
 
     @property
     def converged(self) -> npt.NDArray[np.bool_]:
-        """Where a solution was found, shape (n,)."""
+        """True where a solution was found, shape (n,)."""
         return np.asarray(self.outcome == "converged")
 
     def frequencies(self, i: int = 0) -> FloatArray:
-        """k.omega of all orders in row i, shape (m,); some may be negative."""
+        """Return k.omega of all orders in row i, shape (m,); some may be negative."""
         return np.asarray(self.orders @ self.base[self._row(i)])
 
     def coefficient(self, dof: str, harmonic: int | tuple[int, ...] = 1) -> ComplexArray:
-        """X_k of one coordinate, shape (n,); for several axes ``harmonic`` is a tuple."""
+        """Return X_k of one coordinate, shape (n,); with several axes ``harmonic`` is a tuple."""
         d = _DOFS.index(_native.choice("dof", dof, _DOFS))
         j = place_of(self.orders, harmonic)
         kept = self.coefficients[:, d, j]
@@ -182,11 +184,11 @@ class DrivenResponse(Result):
         return kept if same else -kept.conj()
 
     def amplitude(self, dof: str, harmonic: int | tuple[int, ...] = 1) -> FloatArray:
-        """|X_k| of one coordinate, shape (n,)."""
+        """Return |X_k| of one coordinate, shape (n,)."""
         return np.abs(self.coefficient(dof, harmonic))
 
     def state(self, i: int, t: npt.ArrayLike) -> FloatArray:
-        """States (z, z', phi, phi', psi, psi') of row i at times t, shape (..., 6)."""
+        """Return states (z, z', phi, phi', psi, psi') of row i at times t, shape (..., 6)."""
         row = self._row(i)
         times = _native.real_array("t", t)
         omega = self.frequencies(row)
@@ -200,7 +202,7 @@ class DrivenResponse(Result):
         return result
 
     def waveform(self, i: int, n: int = 256) -> tuple[FloatArray, FloatArray]:
-        """One period of row i: times, shape (n,), and coordinates, shape (n, 3)."""
+        """Return one period of row i: times, shape (n,), and coordinates, shape (n, 3)."""
         if len(self.axes) > 1:
             raise InputError("waveform: a quasi-periodic motion has no period, see `state`")
         count = _native.integer("n", n, 1, 10_000_000)
@@ -212,7 +214,7 @@ class DrivenResponse(Result):
         return _native.integer("i", i, -n, n - 1) % n
 
     def to_dataset(self) -> xr.Dataset:
-        """Everything as an xarray Dataset over the rows."""
+        """Return all data as an xarray Dataset over the rows."""
         import xarray as xr
 
         data: dict[str, Any] = {
@@ -414,7 +416,7 @@ def _solve(
 
 
 def check_size(name: str, points: int, unknowns_each: int) -> None:
-    """Refuse what would fill the memory."""
+    """Refuse a problem that exceeds the memory."""
     most = _MAX_NUMBERS // unknowns_each
     if points > most:
         raise InputError(f"{name}: {points} points, must be at most {most} with so many orders")

@@ -88,40 +88,40 @@ class DrivenBranch(PeriodicMotions, Curve):
     varies : str
         "p1", "p2", "p3", "f0", "m01", "m02" or "nu".
     parameter : ndarray, shape (n,)
-        Its values.
+        Values of the parameter that varies.
     axes, base, orders : as in `DrivenResponse`
     coefficients : complex ndarray, shape (n, 3, m)
         X_k of z, phi (rad), psi (rad).
     stable : ndarray of bool, shape (n,), or None
-        None: unknown (not asked for; with several base frequencies if no ``duration`` is given).
-        If it is unknown of some motions only (too stiff for the Floquet solver, a rate smaller
-        than its error), the array holds objects: True, False and None.
+        None: not requested, or several base frequencies without a ``duration``. If the stability of
+        some motions is unknown (too stiff for the Floquet solver, a rate smaller than its error),
+        the array contains objects: True, False and None.
     multipliers : complex ndarray, shape (n, 6), or None
-        Floquet multipliers over a period of the base frequency, largest first; NaN where unknown.
+        Floquet multipliers over a period of the base frequency, largest first; NaN if unknown.
     growing : ndarray of int, shape (n,), or None
-        How many of them are outside the unit circle; -1: unknown.
+        Number of multipliers outside the unit circle; -1: unknown.
     growth, growth_error : ndarray, shape (n, 6), or None
         With several base frequencies: as in `DrivenResponse`.
     folds : ndarray, shape (n_folds,)
-        Values of the parameter where the branch turns back.
+        Parameter values at which the branch turns back.
     fold_errors : ndarray, shape (n_folds,)
         As in `Branch`.
     fold_coefficients : complex ndarray, shape (n_folds, 3, m)
     branch_points : tuple of BranchPoint
-        Where others branch off: each may be given to `trace_response` as ``leave``.
+        Points at which a second branch crosses. Pass one of them to `trace_response` as ``leave``.
     crossings : tuple of Crossing
-        Changes of stability: "fold", "branch point" (as where a symmetry breaks), "period
-        doubling" or "Neimark-Sacker".
+        Bifurcation points: "fold", "branch point" (also symmetry breaking), "period doubling" or
+        "Neimark-Sacker".
     stops : ndarray of int
-        Which points lie at the values asked for.
+        Indices of the points at the values of ``at``.
     outcome : str
         As in `Branch`, or "unphysical": the motion reaches z = -1; "closed": back at the first
         point.
     error : ndarray, shape (n,)
-        As in `Branch`: what the last correction and rounding leave of each motion at its value of
-        the parameter.
+        As in `Branch`: error of each motion at its parameter value by the last correction and
+        rounding.
     plan : Plan
-        What was computed, what was skipped and why.
+        What was computed, and what was skipped and why.
 
     Examples
     --------
@@ -172,22 +172,22 @@ class DrivenBranch(PeriodicMotions, Curve):
 
     @property
     def nu(self) -> FloatArray:
-        """Base frequencies, shape (n,) if there is one axis."""
+        """Base frequencies, shape (n,) for a single axis."""
         return self.base[:, 0] if len(self.axes) == 1 else self.base
 
     @property
     def harmonics(self) -> IntArray:
-        """Orders, shape (m,) if there is one axis."""
+        """Harmonics, shape (m,) for a single axis."""
         return self.orders[:, 0] if len(self.axes) == 1 else self.orders
 
     @property
     def truncation(self) -> FloatArray:
-        """Estimated relative error of leaving out higher orders, shape (n,)."""
+        """Estimated relative error by neglected harmonics, shape (n,)."""
         return tail(self.coefficients, self.orders)
 
     @property
     def label(self) -> str:
-        """What varies, for the axis of a picture."""
+        """Axis label of the parameter."""
         return {"nu": r"base frequency $\nu$"}.get(self.varies, self.varies)
 
     @property
@@ -206,7 +206,7 @@ class DrivenBranch(PeriodicMotions, Curve):
         return f", too few harmonics (estimated error {self._worst:.1e}){words}"
 
     def panels(self) -> list[Panel]:
-        """Amplitudes along the branch, each of the order of which there is most."""
+        """Return amplitudes along the branch, each of the largest harmonic."""
         if len(self.axes) > 1:
             raise InputError("quasi-periodic motions have no single harmonic to draw")
         return largest_panels(self, self.parameter, self.varies)
@@ -227,7 +227,7 @@ class DrivenBranch(PeriodicMotions, Curve):
         return (at * self._unit, size) if found else None
 
     def to_dataset(self) -> xr.Dataset:
-        """Everything as an xarray Dataset over the points."""
+        """Return all data as an xarray Dataset over the points."""
         import xarray as xr
 
         data: dict[str, Any] = {

@@ -1,4 +1,4 @@
-"""Many motions at once: side by side in the vector unit, and in several threads."""
+"""Ensembles of motions: in the vector unit and in several threads."""
 
 from __future__ import annotations
 
@@ -73,84 +73,83 @@ def simulate_ensemble(
     n_threads: int | None = None,
     progress: bool = False,
 ) -> Ensemble:
-    """Integrate many motions from t = 0; gather what is asked for without storing them.
+    """Integrate many motions from t = 0 and return selected results without storing the motions.
 
     Parameters
     ----------
     system : Pendulum, PolynomialSystem, Structure or Mount
-        Any system that `simulate` takes. Pendulums, and systems without memory, of at most 6
-        coordinates, with smooth laws, go eight side by side in the vector unit; all others
-        (kinks, jumps, stops, hysteresis, kernels, more coordinates, finite rotations) run by run,
-        and so do those that meet layers of laws thinner than steps.
+        Any system that `simulate` accepts. Pendulums, and systems without memory, with at most 6
+        coordinates and smooth laws, are computed eight together in the vector unit. All other
+        systems (kinks, jumps, stops, hysteresis, kernels, more coordinates, finite rotations, laws
+        with layers thinner than a step) are computed run by run.
     initial : array_like, shape (n, 2 n_dof) or (2 n_dof,)
-        States at t = 0, or one for all.
+        States at t = 0, or a single state for all runs.
     t_end : float
         End of the runs; with ``sections`` of a load the nearest whole number of its periods.
     n_periods : int
-        Length of the runs in periods of the load that ``sections`` names, instead of ``t_end``;
-        needed where that load's frequency varies.
+        Length of the runs in periods of the load of ``sections``, instead of ``t_end``. Required if
+        the frequency of this load varies.
     dt : float or "auto"
-        Step, shortened to fit t_end or the period. "auto": halved until halving changes no last
-        state by more than ``tolerance``.
+        Step size, shortened to fit t_end or the period. "auto": halved until the final states
+        change by at most ``tolerance``.
     tolerance : float
-        Wanted absolute error of the last states, 1e-13 to 1 (default 1e-8).
+        Absolute error of the final states, 1e-13 to 1 (default 1e-8).
     rtol, atol : float
-        Instead of ``tolerance``: each coordinate and velocity of the last states is wanted within
-        atol + rtol times its largest of all runs (rtol 1e-13 to 1; atol 0 if not given).
+        Instead of ``tolerance``: the error of each coordinate and velocity of the final states is
+        at most atol + rtol times its largest value of all runs (rtol 1e-13 to 1; default of atol:
+        0).
     parameters : mapping of str to array_like, shape (n,)
-        Numbers that vary, by name: of a pendulum e.g. {"p1": values}; of a polynomial system "nu",
-        "load_scale", "stiffness_scale" (of K of all springs, those of ``springs`` too, not of the
-        linear part of laws), "damping_scale",
-        "forces_scale" (of what is not linear) and its own ``parameters``; of a structure "nu",
-        "load_scale" and numbers of elements, "elements[0].limit" or "elements[0].k3"; of a mount
-        "nu", "load_scale" and its numbers; of a `Body` "nu", "load_scale", "mass",
-        "inertia_scale", "center[x]", "mounts[front].stiffness[z]" (also damping and position),
+        Parameters that vary, by name. Pendulum: for example {"p1": values}. Polynomial system:
+        "nu", "load_scale", "stiffness_scale" (K of all springs, without the linear part of laws),
+        "damping_scale", "forces_scale" (the nonlinear part) and its own ``parameters``. Structure:
+        "nu", "load_scale" and numbers of elements, "elements[0].limit" or "elements[0].k3". Mount:
+        "nu", "load_scale" and its numbers. `Body`: "nu", "load_scale", "mass", "inertia_scale",
+        "center[x]", "mounts[front].stiffness[z]" (also damping and position),
         "mounts[front].stiffness_scale", and "mounts[front].k3" (k3 a parameter of its laws).
-        Parameters of smooth laws and numbers of elements and bodies go side by side, too; those
-        of a `Mount` run by run.
+        Parameters of smooth laws and numbers of elements and bodies are computed together in the
+        vector unit; those of a `Mount` run by run.
     load, nu
-        Not of a pendulum: as for `simulate`.
+        Not for a pendulum: as for `simulate`.
     method : {"auto", "rk4", "dop8", "verner8", "verner9", "gauss8", "gauss16", "taylor8" ...}
-        "auto" is "verner9", free of rounding down to 1e-14. Gauss's collocations of order 16 and
-        32 take larger steps, whose equations are solved to rounding: of a pendulum "gauss8" is
-        the fastest from about 1e-9 on. A step that cannot be solved ends its run ("step too
-        large"). "taylor8", "taylor12", "taylor16", "taylor20" and "taylor24" sum the power series
-        of the motion in time up to that order, 32 motions side by side: the fastest of large
-        ensembles of polynomial systems and text laws (not of pendulums, nor for exponents); a
-        series that does not converge within a step ends its run in the same way. The more digits
-        are wanted, the higher the fastest order: 8 to about 1e-7, 12 to 1e-12. Run by run: any
-        method of `simulate`, "auto" as there.
+        "auto" is "verner9", accurate to 1e-14. "gauss8" and "gauss16" (orders 16 and 32) take
+        larger steps, whose equations are solved to rounding error; for a pendulum "gauss8" is the
+        fastest from about 1e-9 on. A step that cannot be solved ends its run ("step too large").
+        "taylor8", "taylor12", "taylor16", "taylor20" and "taylor24" sum the power series of the
+        motion in time up to this order, 32 motions together: the fastest methods for large
+        ensembles of polynomial systems and text laws (not for pendulums and exponents). A series
+        that does not converge within a step ends its run ("step too large"). Order 8 is the fastest
+        to about 1e-7, order 12 to 1e-12. Run by run: any method of `simulate`.
     discard : float
-        Nothing is gathered before this time (or this many periods, with ``n_periods``), with
-        ``sections`` of a load before the end of the period in which it lies.
+        Results start at this time (or after this number of periods, with ``n_periods``); with
+        ``sections`` of a load at the end of the period that contains it.
     statistics : bool
-        Gather peak, mean and rms of states: those of the motion itself from ``discard`` on,
-        between steps and at kinks and impacts too. ``error`` holds for them.
+        Return peak, mean and rms of the motion from ``discard`` on, including the motion between
+        steps and at kinks and impacts. ``error`` includes them.
     amplitudes_at : array_like, shape (m,)
-        Circular frequencies at which amplitudes are wanted (projection under a Hann window).
+        Circular frequencies of amplitudes (projection with a Hann window).
     sections : {1, 2, 3}, str or Event
-        Keep the states at each whole period of load 1 (p1), 2 (p2) or 3 (p3); of all others but a
-        pendulum 1 (nu). Or on a surface in the space of states: a text such as "x_dot", or an
-        `Event`, whose passages of 0 are kept (run by run).
+        Keep the states at each whole period of load 1 (p1), 2 (p2) or 3 (p3); for all systems other
+        than a pendulum 1 (nu). Or on a surface in the state space: a text such as "x_dot", or an
+        `Event`, at whose sign changes states are kept (run by run).
     lyapunov : bool or "all"
-        Gather the largest Lyapunov exponent, by the variational equation (about three times the
-        work); "all": all 2 n_dof exponents, of disturbances that are made orthonormal again and
-        again (Gram and Schmidt; Benettin et al., Meccanica 15, 1980; 6 n_dof times the work).
-        Disturbances are measured as states are, velocities beside displacements. So where motions
-        swing at omega far from 1 rad/s, an exponent is uncertain by ln(omega)/T after a time T:
-        take a unit of time in which omega is about 1, or long runs.
-        Run by run, and of more than 3 coordinates, by motions beside the motion, 1e-7 of its size
-        of late away, which switch at times of their own: exponents are then good to about 1e-6 of
-        the fastest rate (less where a motion only grazes a corner). -inf: a disturbance vanishes
-        altogether (friction that sticks); NaN: no step is left after ``discard``, or the
-        disturbance lives on in the past alone. With memory, or elements that know what was, a state
-        is the whole past: a disturbance is one of coordinates and velocities at t = 0, its own past
-        is scaled with it, and "all" are the 2 n_dof largest exponents of infinitely many.
+        Compute the largest Lyapunov exponent by the variational equation (about three times the
+        work); "all": all 2 n_dof exponents of repeatedly orthonormalized perturbations (Gram and
+        Schmidt; Benettin et al., Meccanica 15, 1980; 6 n_dof times the work). Perturbations are
+        measured in the units of the states, with velocities and displacements combined. So for
+        motions with a frequency omega far from 1 rad/s an exponent has the uncertainty ln(omega)/T
+        after a time T: use a unit of time in which omega is about 1, or long runs. Run by run, and
+        for more than 3 coordinates, neighbouring motions at a distance of 1e-7 of the recent size
+        are used, with their own switching times. The exponents are then accurate to about 1e-6 of
+        the fastest rate (less if a motion grazes a corner). -inf: a perturbation vanishes (friction
+        that sticks). NaN: no step remains after ``discard``, or the perturbation exists in the
+        history only. With memory or internal states the state is the whole history: a perturbation
+        changes coordinates and velocities at t = 0, its history is rescaled with it, and "all" are
+        the 2 n_dof largest of infinitely many exponents.
     sample_every : int
-        Steps between the samples of amplitudes: two and more a period of all that swings, for
-        faster parts stand at other frequencies.
+        Steps between the samples of amplitudes. Use two or more samples per period of the highest
+        frequency, because higher frequencies appear at wrong frequencies.
     n_threads : int
-        Default: as many as there are processors. Results do not depend on it, to the last bit.
+        Default: the number of processors. Results do not depend on it, to the last bit.
     progress : bool
         Show a progress bar.
 

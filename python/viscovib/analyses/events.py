@@ -1,4 +1,4 @@
-"""Events of motions in time: passages of functions of the state through 0."""
+"""Events of motions in time: sign changes of functions of the state."""
 
 from __future__ import annotations
 
@@ -30,20 +30,19 @@ _MOST_EVENTS = 100
 
 @dataclass(frozen=True)
 class Event:
-    """Where a function of the state of a motion in time passes 0.
+    """A sign change of a function of the state during a motion in time.
 
     Parameters
     ----------
     function : str
         Text of coordinates, their velocities (``x_dot``) and the time ``t``, with the functions of
-        force laws: ``"x - 0.1"``, ``"x_dot"``, ``"x1 - x2"``, ``"sin(1.3*t)"``. Of a structure
+        force laws: ``"x - 0.1"``, ``"x_dot"``, ``"x1 - x2"``, ``"sin(1.3*t)"``. For a structure
         also ``"impact[i]"``: impacts at the rigid stop ``elements[i]``, a `Gap` or a `Stop` with a
-        restitution, with the state right after the impact; ``"impact"`` if it is the only one. (A
-        deflection touches its gap without passing it.)
+        restitution, with the state right after the impact; ``"impact"`` for a single stop.
     direction : {"any", "up", "down"}
-        Which passages count: "up" from negative to positive.
+        Sign changes that count: "up" from negative to positive.
     terminal : bool
-        Whether the first of them ends the run (outcome "event").
+        True: the first event ends the run (outcome "event").
 
     Examples
     --------

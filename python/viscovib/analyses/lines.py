@@ -1,4 +1,4 @@
-"""Lines of a signal: amplitudes at known frequencies, and lines found to many digits."""
+"""Lines of a signal: amplitudes at known frequencies, and lines with unknown frequencies."""
 
 from __future__ import annotations
 
@@ -41,13 +41,13 @@ class Lines(Result):
         Amplitudes at the first sample, phases (rad) at time 0.
     mean : float
     residual : float
-        Root mean square of what is left, weighted towards the middle of the record.
+        Root mean square of the residual, weighted towards the middle of the record.
     resolved : ndarray of bool, shape (n,)
-        False where another line is nearer than two bins and the widths of both, which is only as
-        good as the signal is clean, and where more than noise is left beside a line: the lines
-        found do not explain the signal there.
+        False if the distance to a second line is less than two bins and the widths of both, so that
+        noise limits the accuracy, or if a residual above the noise remains near the line, so that
+        the lines do not explain the signal.
     decay : ndarray, shape (n,)
-        Rates of decay (per unit of time), 0 for a steady line, negative for one that grows. The
+        Decay rates (per unit of time), 0 for a steady line, negative for a growing line. The
         damping ratio of a free vibration is ``decay / hypot(decay, omega)``.
     start : float
         Time of the first sample.
@@ -75,7 +75,7 @@ class Lines(Result):
 
     @property
     def complete(self) -> bool:  # type: ignore[override]
-        """Whether every line stands apart from the others."""
+        """True if all lines are resolved."""
         return bool(self.resolved.all())
 
     def _headline(self) -> str:
@@ -95,7 +95,7 @@ class Lines(Result):
         return [*lines[:8], *([f"and {len(lines) - 8} more"] if len(lines) > 8 else [])]
 
     def to_dataset(self) -> xr.Dataset:
-        """Everything as an xarray Dataset over the lines."""
+        """Return all data as an xarray Dataset over the lines."""
         import xarray as xr
 
         names = ("omega", "amplitude", "phase", "decay", "resolved")
@@ -121,15 +121,15 @@ def amplitudes_at(
     start: float | None = None,
     coordinate: str | None = None,
 ) -> Lines:
-    """Amplitudes and phases at known frequencies, by least squares.
+    """Return amplitudes and phases at known frequencies, by least squares.
 
-    Exact for signals that hold no other lines, whole periods or not; other lines disturb little,
-    since the middle of the record weighs most (Hann).
+    The result is exact for signals that contain no other lines, for any record length. Other lines
+    have little effect, because the middle of the record has the largest weight (Hann).
 
     Parameters
     ----------
     signal : array_like, shape (n,), or Trajectory
-        Of a `Trajectory` the ``coordinate`` named is taken, at the times of its states.
+        For a `Trajectory` the given ``coordinate`` at the times of its states.
     dt : float
         Time between samples; only with an array.
     frequencies : array_like, shape (m,)
@@ -137,7 +137,7 @@ def amplitudes_at(
     start : float
         Time of the first sample, 0 by default; only with an array.
     coordinate : str
-        Of a `Trajectory`: "phi", or "phi_dot" for its velocity.
+        For a `Trajectory`: "phi", or "phi_dot" for its velocity.
 
     Returns
     -------
@@ -146,7 +146,7 @@ def amplitudes_at(
     Warns
     -----
     ConvergenceWarning
-        If the velocities of a `Trajectory` tell swings that are too fast for the states kept.
+        If the velocities of a `Trajectory` show oscillations that are too fast for the states kept.
 
     Examples
     --------
@@ -193,50 +193,49 @@ def dominant_frequencies(
     false_alarm: float = 1e-3,
     coordinate: str | None = None,
 ) -> Lines:
-    """Find the largest lines of a signal, far beyond the width of a bin.
+    """Find the largest lines of a signal with a resolution far better than a bin.
 
-    The largest peak of the windowed spectrum is refined, and with it all lines found before, by
-    weighted least squares in amplitudes and frequencies together; then the next is sought in what
-    is left. Fewer than ``count`` lines come back if nothing is left that stands above the noise
-    around it, or above rounding.
+    The largest peak of the windowed spectrum is refined together with all previous lines, by
+    weighted least squares in amplitudes and frequencies. Then the next line is searched in the
+    residual. The result contains fewer than ``count`` lines if the residual contains no line above
+    the surrounding noise or the rounding error.
 
     Parameters
     ----------
     signal : array_like, shape (n,), or Trajectory
-        n >= 16. Of a `Trajectory` the ``coordinate`` named is taken, at the times of its states.
+        n >= 16. For a `Trajectory` the given ``coordinate`` at the times of its states.
     dt : float
         Time between samples; only with an array.
     count : int
-        Lines wanted, 1 to 50.
+        Largest number of lines, 1 to 50.
     start : float
         Time of the first sample, 0 by default; only with an array.
     false_alarm : float
-        Probability, in (0, 1], that a signal of nothing but noise gives a line at all. 1: take
-        the largest of what is left, line or not.
+        Probability, in (0, 1], that a signal of noise only gives a line. 1: use the largest peak of
+        the residual in any case.
     coordinate : str
-        Of a `Trajectory`: "phi", or "phi_dot" for its velocity.
+        For a `Trajectory`: "phi", or "phi_dot" for its velocity.
 
     Returns
     -------
-    Lines, largest at the first sample first. A line is said to decay (or to grow) where a steady
-    one leaves more than noise can; its rate is then fitted with the rest. Tones that fade within
-    a few periods or within a hundredth of the record are not sought. For a clean signal errors are
-    at rounding level; a line that is not resolved from its neighbour (see `Lines.resolved`) is less
-    certain. In white noise the standard error of a steady line's frequency is 1.53 times the least
-    possible one (Cramer and Rao), that of its amplitude 1.22 times: the price of the window, which
-    keeps other lines out.
+    Lines, in the order of decreasing amplitude at the first sample. A decay rate is fitted if a
+    steady line leaves a residual above the noise. Tones that decay within a few periods or within a
+    hundredth of the record are not searched. For a signal without noise errors are at the level of
+    rounding errors. A line that is not resolved (see `Lines.resolved`) is less certain. In white
+    noise the standard error of a steady line's frequency is 1.53 times the lower bound (Cramer and
+    Rao), that of its amplitude 1.22 times, because of the window.
 
     Warns
     -----
     ConvergenceWarning
-        If the velocities of a `Trajectory` tell swings that are too fast for the states kept.
+        If the velocities of a `Trajectory` show oscillations that are too fast for the states kept.
 
     Notes
     -----
-    The power of a bin must exceed a multiple of the median of the bins around it, every third of
-    192, over which noise may have any level but should be nearly even. Under the window of Hann
-    these are independent, so that the multiple follows from the probability without further
-    assumptions on the level (order statistics: Rohling, IEEE Trans. AES 19 (1983) 608).
+    The power of a bin must exceed a multiple of the median of the surrounding bins, every third of
+    192, in which the noise may have any level but should be nearly constant. With a Hann window
+    these are independent, so the multiple follows from the probability (order statistics: Rohling,
+    IEEE Trans. AES 19 (1983) 608).
 
     Examples
     --------

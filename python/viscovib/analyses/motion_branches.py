@@ -1,6 +1,6 @@
-"""Branches of motions that repeat, in time: pseudo-arclength continuation of the map of a period.
+"""Branches of periodic motions in time: pseudo-arclength continuation of the map of a period.
 
-What is followed stands in `motion_path`, what happens on the way in `motion_crossings`.
+`motion_path` contains the continuation, `motion_crossings` the bifurcation points.
 """
 
 from __future__ import annotations
@@ -65,24 +65,24 @@ def trace_motion(
     rtol: float | None = None,
     atol: float | None = None,
 ) -> MotionBranch:
-    """Follow motions that repeat with their load along a parameter, in time, through folds.
+    """Follow periodic motions along a parameter, in time, through folds.
 
-    As `trace_response`, but by shooting (`steady_motion`): where laws switch, steps end, so that
-    folds, period doublings, Neimark-Sacker points and grazing are located as exactly as under
-    smooth laws.
+    This is `trace_response` by shooting (`steady_motion`): steps end where laws switch, so folds,
+    period doublings, Neimark-Sacker points and grazing are located as accurately as with smooth
+    laws.
 
     Parameters
     ----------
     system, load, initial, n_periods, method, tolerance, rtol, atol
-        As for `steady_motion`, which finds the motion at the beginning of the range.
+        As for `steady_motion`, which finds the motion at the start of the range.
     nu_range, nu, load_range, vary, vary_range
-        What varies, from where and to where, as for `trace_response`; ``vary`` of a
+        The parameter that varies and its range, as for `trace_response`; ``vary`` for a
         `PolynomialSystem`.
     max_step : float
-        Longest step along the branch, 1e-6 to 0.5: changes of the parameter as a part of its range,
-        those of the state as a part of its size.
+        Largest step along the branch, 1e-6 to 0.5: the change of the parameter relative to its
+        range, and of the state relative to its size.
     max_points : int
-        Points at most, 2 to 100000.
+        Largest number of points, 2 to 100000.
 
     Returns
     -------
@@ -91,21 +91,20 @@ def trace_motion(
     Warns
     -----
     ConvergenceWarning
-        If the branch ends where no step leads on, if something on the way could not be located, or
-        if errors are above what is wanted.
+        If no step continues the branch, if a bifurcation point could not be located, or if errors
+        exceed the tolerance.
 
     Notes
     -----
-    Pseudo-arclength continuation (Keller 1977) of P(y, p) = y. Between two points a fold is where
-    the tangent has no part along the parameter, a branch point where the derivatives with the
-    tangent below have the determinant 0, a period doubling where det(P' + 1) is 0, a Neimark-Sacker
-    point where that of all products m_i m_j - 1 of multipliers is 0 by a pair that is not real
-    (Kuznetsov, Elements of Applied Bifurcation Theory, 10.2), grazing where the number of switches
-    changes. Where more multipliers pass the unit circle than these tell, the way between two
-    points is halved. Where a rigid stop is grazed the branch has a corner: it goes on where the
-    derivatives behind it have no change, in the direction that keeps the sign of their determinant.
-    What comes and goes between two points is not seen: take a smaller
-    ``max_step``.
+    Pseudo-arclength continuation (Keller 1977) of P(y, p) = y. The test functions between two
+    points are: for a fold the component of the tangent along the parameter, for a branch point the
+    determinant of the derivatives with the tangent, for a period doubling det(P' + 1), for a
+    Neimark-Sacker point the product of m_i m_j - 1 over the multipliers with a complex pair
+    (Kuznetsov, Elements of Applied Bifurcation Theory, 10.2), for grazing the number of switches.
+    If more multipliers cross the unit circle than these functions explain, the step is halved. At
+    grazing of a rigid stop the branch has a corner. It continues where the derivatives behind the
+    corner vanish, in the direction that keeps the sign of their determinant. Two changes between
+    two points may be missed: use a smaller ``max_step``.
 
     Examples
     --------

@@ -52,7 +52,7 @@ _OUTCOMES = ("complete", "overflow", "step limit", "cancelled")
 
 
 class MultipleScales:
-    """A system by the method of multiple scales, its nonlinear terms to the third degree.
+    """Multiple scales to third order for a system with nonlinear terms up to the third degree.
 
     Parameters
     ----------
@@ -60,47 +60,48 @@ class MultipleScales:
         A structure, reduced or not, in at most 6 of its modes.
     load : float or array_like, shape (n_dof,), optional
         For a Mount or a PolynomialSystem: amplitude of a harmonic force on the first coordinate, or
-        of the forces on all, times cos(nu t). For a Structure of the forces on all, or by name.
+        of the forces on all, times cos(nu t). For a Structure the forces on all coordinates, or by
+        name.
     nu : float, optional
-        For these: circular frequency of the load (rad/s), > 0.
+        Circular frequency of this load (rad/s), > 0.
     tolerance : float, optional
-        By default what counts as resonant is chosen by what each term does, for each value of a
-        response by itself: its coupling, times the amplitudes, over its divisor, modes at rest
-        (their parametric excitation) included; terms go into the modulation equations in this
-        order as long as one frame holds them. Given, frequencies that differ by less than this
-        part of the highest of them count as resonant.
+        By default resonant terms are selected for each value of a response by their influence:
+        coupling times amplitudes divided by the divisor, including parametric excitation of modes
+        at rest. They enter the modulation equations in this order, as long as their frequencies are
+        compatible. With a tolerance, frequencies that differ by less than this fraction of the
+        highest frequency are resonant.
     ordering : {"general", "weak_coupling"}
-        For a Pendulum: "weak_coupling" counts e as of the size of the amplitudes, as the seed paper
-        does, instead of keeping it in the linear part. Frequencies and shapes are then those of
-        e = 0, e shifts them by terms to e^2 in the modulation equations, and e times cubic, e^2
-        times quadratic, e^3 times linear terms are dropped.
+        For a Pendulum: "weak_coupling" treats e as small as the amplitudes, as the seed paper does.
+        Frequencies and shapes are then those of e = 0; e shifts them by terms up to e^2 in the
+        modulation equations; e times cubic, e^2 times quadratic, e^3 times linear terms are
+        dropped.
     modes : sequence of int, optional
-        For a Structure: which of its modes, by rising frequency from 0; None: all, if they are 6
-        at most. Motions are told at as many coordinates, those of elements first.
+        For a Structure: selected modes, by increasing frequency from 0; None: all, if there are at
+        most 6. Results contain as many coordinates, those of elements first.
 
     Attributes
     ----------
     frequencies : ndarray, shape (n,)
-        Natural circular frequencies, damping included.
+        Natural circular frequencies, including damping.
     decay : ndarray, shape (n,)
-        Amplitudes fall as exp(-decay t); negative: unstable.
+        Amplitudes decrease as exp(-decay t); negative: unstable.
     mode_shapes : ndarray, shape (n_dof, n)
-        Columns, the largest entry 1; complex if there is damping.
+        Columns, the largest entry 1; complex with damping.
     interaction : ndarray, shape (n, n)
-        gamma: the frequency of mode j is frequencies[j] + sum_k gamma[j, k] b_k^2 where mode k
-        has the real amplitude b_k.
+        gamma: the frequency of mode j is frequencies[j] + sum_k gamma[j, k] b_k^2 for real
+        amplitudes b_k of the modes k.
     nonlinear_decay : ndarray, shape (n, n)
         The same for the decay.
     modes_left_out : float
-        Of a Structure: the part of its elements' linear deflections under the load, at nu, that
-        the modes chosen do not hold; else 0.
+        For a Structure: fraction of its elements' linear deflections under the load at nu that the
+        selected modes do not contain; else 0.
 
     Notes
     -----
-    The expansion is carried to third order, so the error of a motion falls as the fourth power
-    of its amplitude, as long as t stays within a fixed number of times amplitude^-2; loads near
-    a natural frequency count as of third order, others as of first, and damping is exact
-    in the linear part. Nothing else is assumed small (no coupling, no divisor).
+    The expansion is of third order, so the error of a motion decreases as the fourth power of its
+    amplitude, as long as t stays within a fixed multiple of amplitude^-2. Loads near a natural
+    frequency are of third order, other loads of first order, and damping is exact in the linear
+    part. No other quantity is assumed to be small (no coupling, no divisor).
 
     Examples
     --------
@@ -190,9 +191,9 @@ class MultipleScales:
             )
 
     def resonances(self, tolerance: float = 0.05) -> tuple[Resonance, ...]:
-        """List every condition of resonance up to third order, the nearest first.
+        """List all resonance conditions up to third order, the nearest first.
 
-        Natural frequencies are w1, w2, ..., those of loads that act p1, p2, ...; ``near`` where
+        Natural frequencies are w1, w2, ..., frequencies of loads p1, p2, ...; ``near`` is True if
         the divisor is within ``tolerance``.
         """
         limit = _native.number("tolerance", tolerance)
@@ -226,7 +227,7 @@ class MultipleScales:
         amplitudes: npt.ArrayLike | None = None,
         accuracy: float = 1e-10,
     ) -> Modulation:
-        """Amplitudes and phases at times t from a state, by integrating the modulation equations.
+        """Integrate the modulation equations: amplitudes and phases at times t.
 
         Parameters
         ----------
@@ -237,7 +238,7 @@ class MultipleScales:
         amplitudes : array_like, complex, shape (n_modes,)
             Instead of ``initial``: b_j exp(i phase_j) at t = 0.
         accuracy : float
-            Error allowed in a step, relative to the largest amplitude, 1e-14 to 1e-2.
+            Allowed error per step, relative to the largest amplitude, 1e-14 to 1e-2.
         """
         return self._run(t, initial, amplitudes, accuracy)[0]
 
@@ -249,7 +250,7 @@ class MultipleScales:
         amplitudes: npt.ArrayLike | None = None,
         accuracy: float = 1e-10,
     ) -> ScalesMotion:
-        """Motion to third order at times t; arguments as for `modulation`."""
+        """Return the motion to third order at times t; arguments as for `modulation`."""
         modulation, state, sizes, _ = self._run(t, initial, amplitudes, accuracy)
         result = ScalesMotion(
             t=modulation.t,
@@ -290,24 +291,24 @@ class MultipleScales:
         return np.column_stack([np.interp(t, at_knots.t, row) for row in errors])
 
     def response(self, parameter: str, values: npt.ArrayLike) -> ScalesResponse:
-        """All steady motions, stable or not, for values of a load's frequency or amplitude.
+        """Return all steady motions, stable or not, over a load's frequency or amplitude.
 
         Parameters
         ----------
         parameter : str
             For a Pendulum "p1", "p2", "p3" (frequencies) or "f0", "m01", "m02" (amplitudes); for a
-            Mount "nu" or "load"; for a CubicSystem "p1", "p2", ... or "f1", "f2", ...: the
-            load's largest entry.
+            Mount "nu" or "load"; for a CubicSystem "p1", "p2", ... or "f1", "f2", ...: the largest
+            entry of the load.
         values : array_like, shape (n,)
 
         Notes
         -----
-        The expansion is made anew at each value, whatever the others are. Constant loads are no
-        part of it: it is about the position of rest that they give.
+        The expansion is computed for each value separately, about the static equilibrium under
+        constant loads.
 
-        Where no frame makes the amplitudes stand still they beat: the modulation equations are
-        integrated, from rest and from where they would stand, until they settle, and the motion is
-        one of lines: ``beating(point)``. Of such motions those that attract are found.
+        If the amplitudes beat, the modulation equations are integrated from rest and from
+        stationary amplitudes until they settle. The motion then consists of lines:
+        ``beating(point)``. Only attracting beating motions are found.
         """
         names = tuple(self._form.load_names)
         load, vary = self._form.load_names[_native.choice("parameter", parameter, names)]
@@ -383,12 +384,12 @@ class MultipleScales:
             room, lines = max(room, found[0]), max(lines, found[13])
 
     def backbone(self, mode: int, amplitudes: npt.ArrayLike) -> FloatArray:
-        """Frequency of free vibration in one mode (from 0) at real amplitudes.
+        """Return the frequency of free vibration in one mode (from 0) at real amplitudes.
 
-        The same shape as ``amplitudes``. Where an internal resonance makes a mode move another (as
-        w2 ~ 2 w1 does mode 1), both move together, in several ways: then there is one more axis,
-        over these, frequencies ascending, NaN where there are fewer. A warning says when an
-        amplitude is beyond the range of the expansion. Damping is left out.
+        The shape is that of ``amplitudes``. If an internal resonance couples the mode with a second
+        mode (as w2 ~ 2 w1 does for mode 1), both move together in several ways: the result then has
+        one more axis over these, frequencies ascending, NaN for missing ones. A warning is printed
+        for amplitudes beyond the range of the expansion. Damping is omitted.
         """
         j = _native.integer("mode", mode, 0, self._n - 1)
         b = _native.real_array("amplitudes", amplitudes)

@@ -1,4 +1,4 @@
-"""Motions that repeat with their load, found in time: shooting with located switches."""
+"""Periodic motions in time: shooting with located switches."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ SHOWN = 256
 
 
 class Refined(NamedTuple):
-    """A start that comes back, in steps that are short enough."""
+    """A periodic motion with a sufficiently small step size."""
 
     found: Found
     steps: int
@@ -51,7 +51,7 @@ class Refined(NamedTuple):
 
     @property
     def stable(self) -> bool | None:
-        """Whether disturbances fade; None: too near to say."""
+        """True if perturbations decay; None: undecided."""
         if self.found.outcome != "converged" or not self.multipliers.size:
             return None
         largest = float(np.abs(self.multipliers[0]))
@@ -70,37 +70,36 @@ def steady_motion(
     rtol: float | None = None,
     atol: float | None = None,
 ) -> SteadyMotion:
-    """Find a motion that repeats with its load, in time: where laws switch, steps end.
+    """Find a periodic motion in time by shooting. Steps end where laws switch.
 
-    Shooting: Newton's method for the state that comes back after so many periods of the load.
-    Nothing is expanded in harmonics, so that a gap, an impact or dry friction that sticks is as
-    exact as a smooth law. What small disturbances become is known with the motion, across switches
-    too, and with it its Floquet multipliers.
+    Newton's method finds the state that repeats after a number of load periods. There is no
+    expansion in harmonics, so a gap, an impact or dry friction that sticks is as accurate as a
+    smooth law. The derivatives across switches give the Floquet multipliers.
 
     Parameters
     ----------
     system : PolynomialSystem or Structure
-        Of at most 512 coordinates (time grows with the cube of their number); with memory, if its
-        kernels are sums of exponentials; without elements that have a state (`Jenkins`, `Iwan`,
-        `BoucWen`, `Dahl`: see `forced_response`).
+        With at most 512 coordinates (time grows with the cube of their number); with memory, if its
+        kernels are sums of exponentials; without hysteresis elements (`Jenkins`, `Iwan`, `BoucWen`,
+        `Dahl`: see `forced_response`).
     nu : float
         Circular frequency of the load (rad/s).
     load
         As for `simulate`.
     initial : array_like, shape (2 n_dof,), or SteadyMotion
-        State at t = 0 to begin with: each coordinate with its velocity. Of several motions that
-        repeat, stable or not, a near one is found. None: where the motion from rest is after 30
-        periods, or later if that leads nowhere.
+        Initial guess of the state at t = 0: each coordinate with its velocity. If several periodic
+        motions exist, stable or not, a nearby one is found. None: the state of the motion from rest
+        after 30 periods, or later if this fails.
     n_periods : int
-        Periods of the load after which the motion repeats, 1 to 64: 2 for one whose period has
-        doubled. One that repeats sooner is found too, if it is near: `repeats_after` tells.
+        Number of load periods after which the motion repeats, 1 to 64: 2 after a period doubling. A
+        nearby motion with a shorter period may be found: see `repeats_after`.
     method : {"auto", "gauss8", "gauss16"}
-        As for `simulate`; "auto" is "gauss8". "gauss16" of at most 6 coordinates without memory.
+        As for `simulate`; "auto" is "gauss8". "gauss16" for at most 6 coordinates without memory.
     tolerance : float
-        Wanted absolute error of the state at t = 0, velocities divided by ``nu``, 1e-13 to 1
-        (default 1e-10): steps are halved until the state that comes back changes no more.
+        Absolute error of the state at t = 0, velocities divided by ``nu``, 1e-13 to 1 (default
+        1e-10): the step size is halved until the state no longer changes.
     rtol, atol : float
-        Instead: atol + rtol times the largest of them.
+        Instead of ``tolerance``: atol + rtol times the largest entry.
 
     Returns
     -------
@@ -109,14 +108,14 @@ def steady_motion(
     Warns
     -----
     ConvergenceWarning
-        If nothing was found, or not as exactly as wanted.
+        If no motion was found, or if the tolerance is not reached.
 
     Notes
     -----
-    With the map P of a state over the time of the motion Newton's steps are (1 - P')^-1 (P(y) - y);
-    P' is the derivative of the collocation, times the jump of disturbances at each switch (Aizerman
-    and Gantmakher 1958; see `SteadyMotion.multipliers`). A contact that only grazes has a square
-    root there: Newton's method is slow beside it, and what is beyond may be another motion.
+    With the map P of a state over the period Newton's steps are (1 - P')^-1 (P(y) - y). P' is the
+    derivative of the collocation times the jump of perturbations at each switch (Aizerman and
+    Gantmakher 1958; see `SteadyMotion.multipliers`). At a grazing contact the map has a square
+    root: Newton's method converges slowly near it, and a different motion may lie beyond it.
 
     Examples
     --------

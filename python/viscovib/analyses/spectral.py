@@ -1,4 +1,4 @@
-"""Spectra of signals under windows, and names of the frequencies found."""
+"""Spectra of signals with windows, and names of their frequencies."""
 
 from __future__ import annotations
 
@@ -40,18 +40,18 @@ class Spectrum(Result):
         X: a tone a cos(omega t + phase) at a bin gives a exp(i phase); X[0] is the mean.
     window : str
     noise_bandwidth : float
-        Equivalent noise bandwidth of the window in bins: divide abs(X)**2 / 2 by this and by the
-        bin width to get a power spectral density (at half the sampling rate, which an even number
-        of samples has, twice that; not at 0, where the mean is).
+        Equivalent noise bandwidth of the window in bins. Divide abs(X)**2 / 2 by it and by the bin
+        width for a power spectral density (at half the sampling rate, for an even number of
+        samples, twice this; not at 0, which is the mean).
     dt : float
-        Sampling step.
+        Time between samples.
     names : tuple of str
-        A name for each signal.
+        Names of the signals.
     plan : Plan
-        What was computed, what was skipped and why.
+        What was computed, and what was skipped and why.
     aliased : tuple of str
-        Coordinates of a `Trajectory` that swing faster than the states kept tell, and stand at
-        other frequencies here; ``complete`` is then False.
+        Coordinates of a `Trajectory` with frequencies that are too high for the states kept, which
+        appear at wrong frequencies; ``complete`` is then False.
 
     Examples
     --------
@@ -76,7 +76,7 @@ class Spectrum(Result):
 
     @property
     def complete(self) -> bool:  # type: ignore[override]
-        """Whether no coordinate is known to swing faster than its states tell."""
+        """True if no coordinate is known to be aliased."""
         return not self.aliased
 
     def _headline(self) -> str:
@@ -92,7 +92,7 @@ class Spectrum(Result):
 
     @property
     def amplitude(self) -> FloatArray:
-        """Size of each coefficient."""
+        """Absolute value of each coefficient."""
         return np.abs(self.coefficients)
 
     @property
@@ -101,7 +101,7 @@ class Spectrum(Result):
         return np.angle(self.coefficients)
 
     def to_dataset(self) -> xr.Dataset:
-        """Amplitude and phase as an xarray Dataset over omega."""
+        """Return amplitude and phase as an xarray Dataset over omega."""
         import xarray as xr
 
         dimensions = ("omega", "signal")[: self.coefficients.ndim]
@@ -147,34 +147,34 @@ def spectrum(
     names: tuple[str, ...] | None = None,
     coordinates: str | tuple[str, ...] | None = None,
 ) -> Spectrum:
-    """Amplitude spectrum of signals sampled in equal steps, by FFTW.
+    """Return the amplitude spectrum of equidistant signals, by FFTW.
 
     Parameters
     ----------
     signal : array_like, shape (n,) or (n, m), or Trajectory
-        One signal or several, a column each; n >= 1. Of a `Trajectory` the coordinates are taken,
-        with the spacing of the states kept (which is not its ``dt``, the step of integration).
+        One signal or several, one column each; n >= 1. For a `Trajectory` the coordinates with the
+        spacing of the states kept (which is not its step size).
     dt : float
         Time between samples; only with an array.
     window : {"hann", "rectangular", "blackman_harris", "flat_top"}
-        "rectangular" is exact for whole periods; "hann" for looking; "blackman_harris" for small
-        lines beside large ones; "flat_top" reads amplitudes between bins to 0.2 %.
+        "rectangular" is exact for whole periods; "hann" for general use; "blackman_harris" for
+        small lines near large ones; "flat_top" reads amplitudes between bins to 0.2 %.
     names : tuple of str
         Names of the signals; by default "signal", or "signal_1", "signal_2", ..., or the names of
         the coordinates.
     coordinates : str or tuple of str
-        Of a `Trajectory`: the coordinates wanted, such as "phi" or "phi_dot"; a single name gives
+        For a `Trajectory`: selected coordinates, such as "phi" or "phi_dot"; a single name gives
         coefficients of shape (n_bins,). By default all coordinates, without velocities.
 
     Warns
     -----
     ConvergenceWarning
-        If the velocities of a `Trajectory` tell swings that are too fast for the states kept.
+        If the velocities of a `Trajectory` show oscillations that are too fast for the states kept.
 
     Notes
     -----
-    The mean under the window is taken out before the transform and returned as X[0], so that it
-    does not leak. Records of fewer than 10 samples are not windowed.
+    The mean under the window is subtracted before the transform and returned as X[0], so it does
+    not leak. Records of fewer than 10 samples have no window.
 
     Examples
     --------
@@ -225,14 +225,14 @@ def name_frequencies(
     frequencies : array_like, shape (n,)
     bases : mapping of name to frequency
     order : int
-        Largest sum of the sizes of the factors, 1 to 20.
+        Largest sum of the absolute factors, 1 to 20.
     tolerance : float
         Largest distance.
 
     Returns
     -------
-    A name each: of the lowest order within the tolerance, several of the same order joined by
-    " or "; "mean" for 0; "" where none fits.
+    A name for each frequency: of the lowest order within the tolerance, several of the same order
+    joined by " or "; "mean" for 0; "" if none fits.
 
     Examples
     --------

@@ -40,22 +40,22 @@ _A_DECADE, _ANGLES, _BEYOND = 4, 7, 2
 
 @dataclass(frozen=True, eq=False, repr=False)
 class CharacteristicRoots(Value):
-    """Free linear motion is a sum of exp(s t).
+    """Roots s of free linear motion, a sum of exp(s t).
 
     Attributes
     ----------
     oscillatory : complex ndarray, shape (n,)
-        Roots s with positive imaginary part (1/s), by rising frequency, a double one twice; their
-        conjugates are roots too.
+        Roots s with positive imaginary part (1/s), by increasing frequency, a double root twice.
+        Their conjugates are roots too.
     real : ndarray, shape (m,)
-        Real roots, largest first: without memory all; of Koltunov-Rzhanitsyn kernels those right
-        of the cut at -beta, of other kernels the positive ones.
+        Real roots, largest first: without memory all; for Koltunov-Rzhanitsyn kernels those to the
+        right of the branch cut at -beta, for other kernels the positive ones.
     n_unstable : int
-        Roots with positive real part, conjugates counted, by the argument principle.
+        Number of roots with positive real part, including conjugates, by the argument principle.
     complete : bool
-        Whether all roots in ``region`` are listed, by the argument principle on its boundary.
+        True if all roots in ``region`` are listed, by the argument principle on its boundary.
     region : str
-        The part of the complex plane for which ``complete`` holds.
+        The part of the complex plane to which ``complete`` refers.
 
     Examples
     --------
@@ -77,7 +77,7 @@ class CharacteristicRoots(Value):
 
     @property
     def growth_rate(self) -> float:
-        """Largest real part of the roots listed (1/s): free motion grows if it is positive."""
+        """Largest real part of the roots (1/s); free motion grows if it is positive."""
         return float(max([*self.oscillatory.real, *self.real], default=-np.inf))
 
     @property

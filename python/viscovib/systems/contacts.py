@@ -1,4 +1,4 @@
-"""Elements of a structure that touch and leave: springs behind a gap, and stops."""
+"""Contact elements of a structure: springs behind a gap, and stops."""
 
 from dataclasses import dataclass, replace
 from typing import Any, ClassVar
@@ -13,7 +13,7 @@ _ARGUMENT, _NUMBER, _STOP = 2, 1, 100
 
 
 class Contact:
-    """An element with a law of its deflection that is 0 inside a gap."""
+    """An element whose law is 0 inside a gap."""
 
     on: Any
     gap: float
@@ -62,21 +62,22 @@ class Contact:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Gap(Contact):
-    """A spring that only pushes, behind a gap: f = k max(d - gap, 0) of the deflection d = e . u.
+    """A one-sided spring behind a gap: f = k max(d - gap, 0) of the deflection d = e . u.
 
-    As the law of a `Spring` of this text, with a name.
+    It equals a `Spring` with this law.
 
     Parameters
     ----------
     on : str, int, tuple of two str, mapping or array_like
-        The direction e, as of `Spring`; it touches where d > gap.
+        The direction e, as for `Spring`; contact if d > gap.
     stiffness : float
         k, greater than 0 (N/m).
     restitution : float
-        Instead of the stiffness, for motions in time: a rigid stop, which returns the part e of the
-        speed, 0 to 1. Impacts that would follow each other without end (e < 1) end in contact.
+        Instead of the stiffness, for motions in time: a rigid stop that returns the fraction e of
+        the velocity, 0 to 1. Infinitely many impacts (e < 1) end in contact.
     gap : float
-        Of any sign (m); a negative gap is a preload, f = -k gap at rest, of which plans tell.
+        Positive or negative (m); a negative gap is a preload, f = -k gap at rest, which plans
+        state.
 
     Examples
     --------
@@ -103,16 +104,16 @@ class Gap(Contact):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Stop(Contact):
-    """Stops on both sides: f = k (d - gap) where d > gap, k (d + gap) where d < -gap, else 0.
+    """Two-sided stops: f = k (d - gap) if d > gap, k (d + gap) if d < -gap, else 0.
 
     Parameters
     ----------
     on : str, int, tuple of two str, mapping or array_like
-        The direction e, as of `Spring`.
+        The direction e, as for `Spring`.
     stiffness : float
         k of the contacts, greater than 0 (N/m).
     restitution : float
-        Instead of the stiffness, for motions in time, as of `Gap`.
+        Instead of the stiffness, for motions in time, as for `Gap`.
     gap : float
         At least 0 (m), on either side.
 

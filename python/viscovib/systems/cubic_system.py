@@ -1,4 +1,4 @@
-"""Systems given by their terms up to the third degree."""
+"""Systems with terms up to the third degree."""
 
 from __future__ import annotations
 

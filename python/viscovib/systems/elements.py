@@ -26,27 +26,27 @@ On = "str | int | tuple[str, str] | Mapping[str, float] | npt.ArrayLike"
 class Spring:
     """A spring or damper on the deflection d = e . u: (1 - R*) [k d + f(d, v)] + c v, v = d'.
 
-    Its force acts along the direction in which it reads the deflection, e [...], against it.
+    Its force acts along e [...], opposite to the deflection.
 
     Parameters
     ----------
     on : str, int, tuple of two str, mapping or array_like
-        The direction e: a coordinate; two of them, ("x3", "x7"), for the difference u_3 - u_7;
+        The direction e: a coordinate; two coordinates, ("x3", "x7"), for the difference u_3 - u_7;
         {name: weight}; or a vector of all weights.
     stiffness : float
-        k (N/m), of any sign.
+        k (N/m), positive or negative.
     damping : float
         c (N s/m), viscous, without memory.
     law : str or callable, optional
-        f of the deflection d and its rate v, as a polynomial such as "k3*d^3" (degree up to 15) or
-        with functions, such as "c*v*abs(v)", "F0*tanh(v/0.01)", "k*max(d - gap, 0)" or
-        "where(d > 0, k1*d, k2*d)": sin, cos, tan, asin, acos, atan, atan2, sinh, cosh, tanh, asinh,
-        acosh, atanh, exp, log, sqrt, abs, sign, heaviside, pow, min, max, where, comparisons and
-        pi. What is linear at rest adds to k and c (behind a kernel c v stays in the law). What is
-        not 0 at rest, as ``d^3 + 0.3``, is a static preload. Or a function of d, v and parameters:
-        `PythonLaw`.
+        f of the deflection d and its rate v: a polynomial such as "k3*d^3" (degree up to 15) or a
+        text with functions, such as "c*v*abs(v)", "F0*tanh(v/0.01)", "k*max(d - gap, 0)" or
+        "where(d > 0, k1*d, k2*d)". Functions: sin, cos, tan, asin, acos, atan, atan2, sinh, cosh,
+        tanh, asinh, acosh, atanh, exp, log, sqrt, abs, sign, heaviside, pow, min, max, where,
+        comparisons and pi. The linear part at rest is added to k and c (with a kernel c v stays in
+        the law). A value at rest, as in ``d^3 + 0.3``, is a static preload. Alternatively a
+        function of d, v and parameters: `PythonLaw`.
     parameters : mapping of str to float, optional
-        Numbers that the law names.
+        Numbers in the law.
     kernel : Kernel, optional
         Relaxation kernel R of stiffness and law; None: no memory.
 
@@ -78,7 +78,7 @@ class Spring:
 
     @property
     def degree(self) -> int:
-        """Highest power of the deflection in its force; 0 if it is no polynomial."""
+        """Highest power of the deflection in its force; 0 if it is not a polynomial."""
         if self._program is not None:  # type: ignore[attr-defined]
             return 0
         return max(self._powers, default=0)
@@ -95,20 +95,20 @@ class Spring:
 class Coupling:
     """Forces between several deflections of a structure: g_a = (1 - R*) f_a(d_1, d_2, ...).
 
-    Each acts along the direction of its deflection d_a = e_a . u, against it, and may depend on all
-    of them: springs in series with large rotations, follower forces, a law that reads one place and
-    acts on another.
+    Each force acts along the direction of its deflection d_a = e_a . u, opposite to it, and may
+    depend on all deflections: springs in series with large rotations, follower forces, forces
+    between different points.
 
     Parameters
     ----------
     on : mapping of str to direction
-        Deflections by the names that the law has for them; directions as of `Spring`.
+        Deflections by their names in the law; directions as for `Spring`.
     law : mapping of str to str
-        f_a by deflection, polynomials of degree 2 to 15 or with functions as of `Spring`; a_dot is
-        the rate of the deflection a. One that has none is only read. What is linear belongs to the
-        stiffness of the structure.
+        f_a by deflection: polynomials of degree 2 to 15 or texts with functions as for `Spring`;
+        a_dot is the rate of the deflection a. A deflection without a force is an argument only.
+        Linear parts belong to the stiffness of the structure.
     parameters : mapping of str to float, optional
-        Numbers that the law names.
+        Numbers in the law.
     kernel : Kernel, optional
         Relaxation kernel R of these forces.
 

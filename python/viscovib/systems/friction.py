@@ -1,4 +1,4 @@
-"""Elements of a structure that have states of their own: friction and hysteresis."""
+"""Hysteresis elements of a structure: elements with internal states."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -20,7 +20,7 @@ _MOST, _EXPONENTS = 200, (1.0, 20.0)
 
 
 class Hysteresis:
-    """An element whose force follows its deflection with a memory of where it turned."""
+    """An element whose force depends on its deflection and on the last reversals."""
 
     #: What the core calls it.
     _state: ClassVar[int]
@@ -47,17 +47,17 @@ class Hysteresis:
         )
 
     def loop(self, d: npt.ArrayLike) -> FloatArray:
-        """Return the force over a cycle of deflections, straight between samples.
+        """Return the force over a cycle of deflections, linear between samples.
 
         Parameters
         ----------
         d : array_like, shape (..., n)
-            Samples of one period, the next of which begins with the first again.
+            Samples of one period. The next period begins with the first sample.
 
         Returns
         -------
         ndarray
-            f, shape (..., n), in the cycle that repeats.
+            f, shape (..., n), of the periodic cycle.
         """
         return self._run(d)[0]
 
@@ -86,19 +86,18 @@ class Hysteresis:
 class Jenkins(Hysteresis):
     """Elastic dry friction on the deflection d = e . u: a spring in series with a slider.
 
-    f' = k d' where abs(f) < F_s, else f = F_s or -F_s. Periodic motions (`forced_response`,
-    `trace_response`) take it, with exact derivatives through the cycle, which is run until it
-    repeats. Where a motion hardly slides the steady state may depend on the past; this is the one
-    that follows a slider which has not moved.
+    f' = k d' if abs(f) < F_s, else f = F_s or -F_s. Periodic motions (`forced_response`,
+    `trace_response`) use exact derivatives of the periodic cycle. With almost no sliding the steady
+    state may depend on the history. The result is the state that starts with an undeflected slider.
 
     Parameters
     ----------
     on : str, int, tuple of two str, mapping or array_like
-        The direction e, as of `Spring`.
+        The direction e, as for `Spring`.
     stiffness : float
         k, greater than 0 (N/m).
     limit : float
-        F_s, the force at which it slides, greater than 0 (N).
+        F_s, the sliding force, greater than 0 (N).
 
     Examples
     --------
@@ -132,15 +131,15 @@ class Jenkins(Hysteresis):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Iwan(Hysteresis):
-    """Elements of dry friction in parallel on one deflection: f = sum_j f_j, each a `Jenkins`.
+    """Dry friction elements in parallel on one deflection: f = sum_j f_j, each a `Jenkins`.
 
-    Their sliders give way one after the other, so that the loop is round where that of one element
-    has corners (Iwan, J. Appl. Mech. 33, 1966).
+    Their sliders yield one after the other, so the loop is round where that of a single element has
+    corners (Iwan, J. Appl. Mech. 33, 1966).
 
     Parameters
     ----------
     on : str, int, tuple of two str, mapping or array_like
-        The direction e, as of `Spring`.
+        The direction e, as for `Spring`.
     stiffness : array_like, shape (n,)
         k_j, each greater than 0 (N/m), at most 200.
     limit : array_like, shape (n,)
@@ -187,23 +186,23 @@ class Iwan(Hysteresis):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class BoucWen(Hysteresis):
-    """Hysteresis of Bouc and Wen: f = a k d + (1 - a) k z, z' = [1 - (g + b sign(z d')) |z|^n] d'.
+    """Bouc-Wen hysteresis: f = a k d + (1 - a) k z, z' = [1 - (g + b sign(z d')) |z|^n] d'.
 
-    At rest its stiffness is k; far out it goes on with a k, at a height of (1 - a) k z_max,
-    z_max = (b + g)^(-1/n) (Wen, J. Eng. Mech. Div. ASCE 102, 1976).
+    The stiffness at rest is k. For large deflections the stiffness is a k, with an offset of (1 -
+    a) k z_max, z_max = (b + g)^(-1/n) (Wen, J. Eng. Mech. Div. ASCE 102, 1976).
 
     Parameters
     ----------
     on : str, int, tuple of two str, mapping or array_like
-        The direction e, as of `Spring`.
+        The direction e, as for `Spring`.
     stiffness : float
         k, greater than 0 (N/m).
     ratio : float
-        a, the share that stays elastic, 0 to less than 1.
+        a, the elastic fraction, 0 to less than 1.
     beta, gamma : float
-        b > 0 and -b < g <= b (m^-n); outside no loop would lose energy only.
+        b > 0 and -b < g <= b (m^-n); other values would allow loops that generate energy.
     exponent : float
-        n, 1 to 20: how sudden it yields.
+        n, 1 to 20: sharpness of the yield.
 
     Examples
     --------
@@ -248,15 +247,15 @@ class BoucWen(Hysteresis):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Dahl(Hysteresis):
-    """Friction after Dahl: f' = s (1 - f/F_c)^i d' where d grows, of a stiffness s at first.
+    """Dahl friction: f' = s (1 - f/F_c)^i d' for increasing d, with the initial stiffness s.
 
-    Where d falls it is f' = s (1 + f/F_c)^i d'. Its limit F_c is approached, not reached, unless
-    i < 1 (Dahl, The Aerospace Corporation, TOR-0158, 1968).
+    For decreasing d it is f' = s (1 + f/F_c)^i d'. The force approaches its limit F_c without
+    reaching it, unless i < 1 (Dahl, The Aerospace Corporation, TOR-0158, 1968).
 
     Parameters
     ----------
     on : str, int, tuple of two str, mapping or array_like
-        The direction e, as of `Spring`.
+        The direction e, as for `Spring`.
     stiffness : float
         s, greater than 0 (N/m).
     limit : float

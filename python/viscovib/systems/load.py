@@ -1,4 +1,4 @@
-"""Periodic loads as Fourier series, in the form the core takes."""
+"""Periodic loads as Fourier series, in the form of the core."""
 
 from __future__ import annotations
 
@@ -26,14 +26,14 @@ _MAX_ORDER = 100_000
 
 
 def fourier_coefficients(samples: npt.ArrayLike, orders: int) -> dict[int, complex]:
-    """Fourier series of one period of evenly spaced samples, as ``load`` or ``base`` takes it.
+    """Return the Fourier series of equidistant samples of one period, for ``load`` or ``base``.
 
     Parameters
     ----------
     samples : array_like, shape (n,)
         Values at t = 0, T/n, 2T/n, ...; n > 2 * orders.
     orders : int
-        Highest order wanted.
+        Highest harmonic.
 
     Returns
     -------

@@ -1,4 +1,4 @@
-"""Loads in time as tables."""
+"""Loads in time from tables."""
 
 from __future__ import annotations
 
@@ -21,23 +21,23 @@ _JUMP = 1e-12
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class LoadTable:
-    """A load known at times, nothing before the first and after the last.
+    """A load given at times; 0 before the first and after the last time.
 
-    As the ``base`` of `simulate` it is a displacement of the base instead, which stands still
-    before the first time and after the last, where it is then.
+    As ``base`` of `simulate` it is a displacement of the base, constant before the first and after
+    the last time.
 
     Parameters
     ----------
     times : array_like, shape (n,)
         Strictly ascending (s), n >= 2.
     values : array_like, shape (n,) or (n, n_dof)
-        Force on the first coordinate, or on each (N, N m). Of a base: shape (n,), its displacement
-        (m), or a column for each coordinate that it moves (of a body x, y, z, rx, ry, rz).
+        Force on the first coordinate, or on each (N, N m). For a base: shape (n,), its displacement
+        (m), or a column for each coordinate (for a body x, y, z, rx, ry, rz).
     on : str, int, mapping or array_like, optional
-        Of a `Structure` and with values of shape (n,): where they act, as ``on`` of a `Spring`.
+        For a `Structure` with values of shape (n,): direction of the load, as ``on`` of a `Spring`.
     interpolation : {"linear", "cubic"}
-        Straight lines, or a spline, which is twice continuously differentiable. Steps in time
-        end on every corner of it and on its ends, so that the order of a method is kept.
+        Straight lines, or a spline that is twice continuously differentiable. Steps in time end on
+        every corner and end, so the order of the integrator is kept.
 
     Examples
     --------
@@ -83,17 +83,17 @@ class LoadTable:
     def half_sine(
         cls, peak: npt.ArrayLike, duration: float, *, start: float = 0.0, on: Any = None
     ) -> LoadTable:
-        """Return a shock peak sin(pi (t - start)/duration) of that duration, to 6e-11 of its peak.
+        """Return a half-sine shock peak sin(pi (t - start)/duration), to 6e-11 of its peak.
 
         Parameters
         ----------
         peak : float or array_like, shape (n_dof,)
-            On the first coordinate, or on each (N, N m), as `Body.load` gives it. An acceleration
-            a of the floor acts on the motion relative to it as the force -m a.
+            Force on the first coordinate, or on each (N, N m), for example from `Body.load`. An
+            acceleration a of the floor acts on the relative motion as the force -m a.
         duration, start : float
-            (s).
+            Times (s).
         on : str, int, mapping or array_like, optional
-            As of `LoadTable`.
+            As for `LoadTable`.
 
         Examples
         --------
@@ -109,12 +109,12 @@ class LoadTable:
     def sawtooth(
         cls, peak: npt.ArrayLike, duration: float, *, start: float = 0.0, on: Any = None
     ) -> LoadTable:
-        """Return a shock that grows evenly to its peak and ends there (terminal peak sawtooth).
+        """Return a terminal-peak sawtooth: a shock that grows linearly to its peak and ends there.
 
         Parameters
         ----------
         peak, duration, start, on
-            As of `half_sine`.
+            As for `half_sine`.
 
         Examples
         --------

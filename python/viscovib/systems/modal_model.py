@@ -1,4 +1,4 @@
-"""A reduced structure as a small one of its own, in the amplitudes of its modes."""
+"""A reduced structure as a small structure in modal coordinates."""
 
 from __future__ import annotations
 
@@ -21,20 +21,19 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class ModalModel:
-    """What `Structure.in_modes` makes: u = shapes q, and the equations of q as a `Structure`.
+    """Result of `Structure.in_modes`: u = shapes q, and the equations of q as a `Structure`.
 
     Attributes
     ----------
     structure : Structure
-        q'' + C q' + diag(squares) q + elements = shapes' p, coordinates "q1", "q2", ...: all that
-        takes a structure takes it.
+        q'' + C q' + diag(squares) q + elements = shapes' p, with coordinates "q1", "q2", ...
     shapes : ndarray, shape (n, m)
         Displacements of all coordinates in each mode, shapes' M shapes = 1.
     names : tuple of str
-        Of the coordinates u.
+        Names of the coordinates u.
     error : float
-        Largest relative error of displacements that the reduction leaves up to its highest
-        frequency (`Reduction.largest_error`): errors of results of ``structure`` do not hold it.
+        Largest relative error of displacements by the reduction, up to its highest frequency
+        (`Reduction.largest_error`). The errors of results of ``structure`` do not include it.
 
     Examples
     --------
@@ -60,18 +59,18 @@ class ModalModel:
         return {name: i for i, name in enumerate(self.names)}
 
     def load(self, load: Any) -> npt.NDArray[Any]:
-        """Return what a load pushes the modes with, shape (m,).
+        """Return the modal forces of a load, shape (m,).
 
         Parameters
         ----------
         load : str, tuple, mapping or array_like
-            A unit load as ``on`` of a `Spring`: a coordinate, two for what acts between them, a
-            mapping {name: force}, or shape (n,); forces may be complex.
+            A unit load as ``on`` of a `Spring`: a coordinate, two coordinates for a pair of
+            opposite forces, a mapping {name: force}, or shape (n,); forces may be complex.
 
         Raises
         ------
         InputError
-            No such coordinate, or another shape.
+            If the coordinate does not exist or the shape is wrong.
         """
         n, places = len(self.names), self._place()
         if isinstance(load, Mapping):
@@ -105,9 +104,9 @@ class ModalModel:
         Parameters
         ----------
         state : array_like, shape (..., 2 m)
-            As `Trajectory.state`: amplitudes and their rates by turns.
+            As `Trajectory.state`: modal coordinates and their rates alternately.
         coordinates : sequence of str, optional
-            Of which; default: all.
+            Selected coordinates; default: all.
         """
         return self._moved(state, 0, coordinates)
 
@@ -145,7 +144,7 @@ class ModalModel:
         Parameters
         ----------
         displacements, velocities : array_like, shape (n,), optional
-            Default 0. What no mode holds is left out.
+            Default 0. Components outside the modes are lost.
         """
         state = np.zeros(2 * self.shapes.shape[1])
         for first, (name, given) in enumerate(

@@ -24,15 +24,15 @@ _NO_KERNEL = 0
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Mount:
-    """A rigid body on a spring in x, attached at distance ``offset``, and one in phi.
+    """A rigid body on a spring in x, attached at the distance ``offset``, and a spring in phi.
 
     Parameters
     ----------
     mass, inertia : float
         m > 0 (kg) and I > 0 about the mass centre (kg m^2).
     offset : float
-        l (m), from the mass centre to the supports: the spring in x deflects by
-        x - l sin(phi).
+        l (m), from the mass centre to the supports: the spring in x has the deflection x - l
+        sin(phi).
     stiffness_x, stiffness_phi : float
         c_x > 0 (N/m) and c_phi > 0 (N m).
     kernel : Kernel, optional
@@ -43,11 +43,11 @@ class Mount:
         Viscous damping matrix C in M u'' + C u' + ...; None: no damping.
     geometry : {"cubic", "exact", "printed"}
         "exact": full sine and cosine, memory on the deflection; "cubic": potential expanded to
-        fourth order, memory on every term; "printed": as cubic with the signs and factors that
-        seed paper 001 prints.
+        fourth order, memory on every term; "printed": as cubic with the signs and factors printed
+        in seed paper 001.
     cubic_scale, memory_scale : float
-        epsilon and epsilon_1 of the paper: factors of the cubic terms and of every kernel;
-        0 removes the terms and their cost.
+        epsilon and epsilon_1 of the paper: factors of the cubic terms and of every kernel; 0
+        removes the terms and their cost.
 
     Warns
     -----
@@ -121,10 +121,10 @@ class Mount:
         return np.ascontiguousarray(_native.call(core.mount_modes, self._flat)[1])
 
     def characteristic_roots(self) -> CharacteristicRoots:
-        """Roots of det[s^2 M + s C + sum_j K_j (1 - R_j(s))] = 0: decay and pitch of free motion.
+        """Roots of det[s^2 M + s C + sum_j K_j (1 - R_j(s))] = 0: decay and frequency.
 
-        Without memory the pairs of the damped linear system; with memory also the slow real roots,
-        positive where a kernel's integral exceeds 1.
+        Without memory these are the pairs of the damped linear system. With memory they include
+        slow real roots, positive if the integral of a kernel exceeds 1.
         """
         return characteristic_roots(
             np.diag([self.mass, self.inertia]),
@@ -212,7 +212,7 @@ def check_dynamic_frequencies(nu: npt.ArrayLike, kernels: Sequence[Kernel]) -> F
 
 
 def warn_of_creep(integrals: Iterable[float]) -> None:
-    """Warn of kernels (their integrals, scale included) that no relaxation has."""
+    """Warn if the integral of a kernel (with its scale) is 1 or more."""
     for total in integrals:
         if total >= 1:
             warnings.warn(creep_message(total), StabilityWarning, stacklevel=caller())
@@ -226,7 +226,7 @@ def warn_of_creep(integrals: Iterable[float]) -> None:
 
 
 def creep_message(total: float) -> str:
-    """Say what a kernel whose integral is 1 or more means."""
+    """Return a message about a kernel with an integral of 1 or more."""
     return (
         f"kernel integral = {total:.6g} >= 1: the relaxed stiffness is not positive, and free "
         "motion creeps away slowly; the forced response to a load without a "

@@ -39,7 +39,7 @@ _PHYSICAL = (
 
 @dataclass(frozen=True)
 class Scales:
-    """What one dimensionless unit stands for: time (s) and length (m)."""
+    """Physical size of one dimensionless unit: time (s) and length (m)."""
 
     time: float
     length: float
@@ -47,11 +47,11 @@ class Scales:
 
 @dataclass(frozen=True, kw_only=True)
 class Pendulum:
-    """A rigid body hanging on a spring and damper, three degrees of freedom.
+    """A rigid body that hangs on a spring and damper, three degrees of freedom.
 
-    Dimensionless time tau = omega_1 t with omega_1 = sqrt(k_1/m). A state is
-    (z, z', phi, phi', psi, psi'): z the extension beyond static over L, phi the angle of the
-    spring, psi that of the body (rad).
+    The dimensionless time is tau = omega_1 t with omega_1 = sqrt(k_1/m). A state is (z, z', phi,
+    phi', psi, psi'): z is the extension beyond the static one divided by L, phi the angle of the
+    spring, psi the angle of the body (rad).
 
     Parameters
     ----------
@@ -66,9 +66,9 @@ class Pendulum:
     f0, m01, m02, p1, p2, p3 : float
         Loads f0 cos(p1 tau) on z, m01 cos(p2 tau) on phi, m02 cos(p3 tau) on psi.
     equations : {"exact", "cubic", "printed"}
-        "cubic": everything expanded to third order; "printed": as seed paper 000 prints them.
+        "cubic": expanded to third order; "printed": as printed in seed paper 000.
     scales : Scales, optional
-        Physical units, set by `from_physical`, so that results can go back into them.
+        Physical units, set by `from_physical`, to convert results back.
 
     Examples
     --------
@@ -148,11 +148,11 @@ class Pendulum:
         Omega3: float = 0.0,
         equations: str = "exact",
     ) -> Pendulum:
-        """Build from physical units (kg, m, s, N).
+        """Create a pendulum from physical units (kg, m, s, N).
 
-        m, I_A mass and moment of inertia about the spring's end; E from there to the mass centre;
-        L0 free length; k1 (N/m), k2 (N/m^3); C1 (N s/m), C2, C3 (N m s); loads F1 (N), M2, M3
-        (N m) at Omega1..3 (rad/s). Lengths are measured in L = L0 + Z_r with the static
+        m, I_A: mass and moment of inertia about the end of the spring; E: distance from there to
+        the mass centre; L0: free length; k1 (N/m), k2 (N/m^3); C1 (N s/m), C2, C3 (N m s); loads F1
+        (N), M2, M3 (N m) at Omega1..3 (rad/s). The unit of length is L = L0 + Z_r with the static
         elongation k1 Z_r + k2 Z_r^3 = m g.
         """
         m, I_A, E, L0, k1, k2, C1, C2, C3, g, F1, M2, M3, Omega1, Omega2, Omega3 = checked(
@@ -225,7 +225,7 @@ class Pendulum:
         return float(_native.call(core.pendulum_modes, self._flat)[3])
 
     def natural_frequencies(self) -> FloatArray:
-        """Linear undamped frequencies over omega_1, shape (3,): of z, then of the two swings."""
+        """Linear undamped frequencies divided by omega_1, shape (3,): z, then swinging modes."""
         return np.asarray(_native.call(core.pendulum_modes, self._flat)[0])
 
     def mode_shapes(self) -> FloatArray:
@@ -257,14 +257,14 @@ class Pendulum:
         return result
 
     def energy(self, state: npt.ArrayLike) -> FloatArray:
-        """Energy over m L^2 omega_1^2, shape (...): constant without loads and damping."""
+        """Energy divided by m L^2 omega_1^2, shape (...): constant without loads and damping."""
         states = self._states(state)
         result: FloatArray = self._evaluate(0.0, states)[1][()]
         _native.check_states(states, np.asarray(result), "the energy")
         return result
 
     def power(self, t: npt.ArrayLike, state: npt.ArrayLike) -> FloatArray:
-        """Rate of change of the energy: work of the loads less dissipation, shape (...)."""
+        """Rate of change of the energy: work of the loads minus dissipation, shape (...)."""
         states = self._states(state)
         result: FloatArray = self._evaluate(t, states)[2][()]
         _native.check_states(states, np.asarray(result), "the power")

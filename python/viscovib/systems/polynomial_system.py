@@ -1,4 +1,4 @@
-"""A system of n degrees of freedom with polynomial forces and memory, given by the user."""
+"""User-defined systems of n degrees of freedom with force laws and memory."""
 
 from __future__ import annotations
 
@@ -45,43 +45,42 @@ _KERNELS_IN_VECTOR = -2
 class PolynomialSystem:
     """M u'' + C u' + sum_g (1 - R_g*) [K_g u + f_g(u, u')] = load(t).
 
-    All forces stand on the left, as stiffness does: a hardening spring has positive
-    coefficients. Linear terms in ``forces`` add to ``stiffness``, which stays as it was given, and
-    without a kernel to the damping.
+    All forces are on the left side, like the stiffness: a hardening spring has positive
+    coefficients. Linear terms in ``forces`` are added to ``stiffness`` internally (the attribute
+    stays as given), and without a kernel to the damping.
 
     Parameters
     ----------
     mass : array_like
-        M, symmetric and positive definite: a number (one coordinate), n numbers (a diagonal
-        matrix) or shape (n, n); n up to 64, or to 2000 where forces and kernels act in half of
-        the coordinates or fewer, and in at most 64.
+        M, symmetric and positive definite: a number (one coordinate), n numbers (a diagonal matrix)
+        or shape (n, n); n up to 64, or to 2000 if forces and kernels act in at most half of the
+        coordinates and in at most 64.
     stiffness : array_like, optional
-        K: a number, n numbers or shape (n, n); None: zero. It need not be positive, nor
-        symmetric (follower forces).
+        K: a number, n numbers or shape (n, n); None: zero. It may be indefinite or unsymmetric
+        (follower forces).
     forces : str, mapping or sequence of Monomial, optional
-        Nonlinear forces f. For one coordinate a text such as ``"0.5*x^3"``; else
-        ``{"x1": "2*(x1 - x2)^3", "x2": "2*(x2 - x1)^3"}``, by equation, or a list of such texts,
-        one per coordinate. Expressions have +, -, *, /, ^ and whole powers, degree up to 15.
-        Texts with functions, such as ``"tanh(x)"`` or ``"max(x1 - x2 - 0.1, 0)"``, are forces
-        too (functions and derivatives as of `Spring`), and texts with rates, such as
-        ``"0.2*x_dot*abs(x_dot)"``: ``x_dot`` is the rate of ``x``. Or functions of Python
-        (`PythonLaw`), or `Monomial` s, for programs.
+        Nonlinear forces f. For one coordinate a text such as ``"0.5*x^3"``; else ``{"x1": "2*(x1 -
+        x2)^3", "x2": "2*(x2 - x1)^3"}``, by equation, or a list of such texts, one per coordinate.
+        Polynomials use +, -, *, /, ^ and integer powers, degree up to 15. Texts with functions,
+        such as ``"tanh(x)"`` or ``"max(x1 - x2 - 0.1, 0)"``, have the syntax of `Spring`. Texts may
+        contain rates, such as ``"0.2*x_dot*abs(x_dot)"``: ``x_dot`` is the rate of ``x``. Also
+        Python functions (`PythonLaw`), or `Monomial` objects.
     kernel : Kernel, optional
         Relaxation kernel of this stiffness and these forces; None: no memory.
     damping : array_like, optional
-        C, viscous damping: as stiffness.
+        C, viscous damping, in the same forms as the stiffness.
     springs : sequence of Springs, optional
-        Further groups, each with a kernel of its own.
+        Further groups of springs, each with its own kernel.
     names : sequence of str, optional
         Names of the coordinates; default "x", or "x1", "x2", ...
     units : sequence of str, optional
-        Their units; default "m".
+        Units of the coordinates; default "m".
     base_direction : array_like, shape (n,), optional
-        How the coordinates move with the base without deforming a spring, such as ones for a
-        chain of masses; None: the base is fixed. If the mass couples coordinates to the supports by
-        a block M_fs, add the load -M_fs a, a being the acceleration of the supports.
+        Motion of the coordinates with the base without deformation of a spring, for example ones
+        for a chain of masses; None: the base is fixed. If the mass matrix couples coordinates to
+        the supports by a block M_fs, add the load -M_fs a with the acceleration a of the supports.
     parameters : mapping of str to float, optional
-        Numbers that forces name, those of ``springs`` too; each may vary along a branch
+        Numbers in the forces, also those of ``springs``; each may vary along a branch
         (``vary="k3"``).
 
     Warns
@@ -89,8 +88,8 @@ class PolynomialSystem:
     StabilityWarning
         If the integral of a kernel is not between 0 and 1.
     RangeWarning
-        If springs are so different that rounding of the stiffness hides the soft ones: the square
-        of a frequency is known to less than 1e-6 of it.
+        If the stiffness of springs differs so much that rounding errors affect the soft springs:
+        the relative error of the square of a frequency exceeds 1e-6.
 
     Examples
     --------
@@ -257,7 +256,7 @@ class PolynomialSystem:
         object.__setattr__(self, name, value)
 
     def natural_frequencies(self) -> FloatArray:
-        """Undamped natural circular frequencies about rest without memory (rad/s), ascending."""
+        """Undamped natural circular frequencies at rest without memory (rad/s), ascending."""
         return self._modes[0].copy()
 
     def mode_shapes(self) -> FloatArray:
@@ -265,9 +264,10 @@ class PolynomialSystem:
         return self._modes[1].copy()
 
     def characteristic_roots(self) -> CharacteristicRoots:
-        """Roots of det[s^2 M + s C + sum_g (K_g + s C_g) (1 - R_g(s))] = 0 about rest.
+        """Roots of det[s^2 M + s C + sum_g (K_g + s C_g) (1 - R_g(s))] = 0 at rest.
 
-        Decay and pitch; C_g is what is linear in rates in the laws of a group with a kernel.
+        They are the decay and frequency of free motion. C_g is the linear part of the laws of a
+        group with a kernel in the rates.
         """
         dampers = [group.law_dampers for group in self.groups]
         return characteristic_roots(
@@ -277,8 +277,8 @@ class PolynomialSystem:
     def dynamic_stiffness(self, nu: npt.ArrayLike) -> ComplexArray:
         """D(nu), shape nu.shape + (n, n), for u = Im(X exp(i nu t)).
 
-        sum_g (K_g + i nu C_g) (1 - R_g(nu)) + i nu C - nu^2 M; C_g is what is linear in rates in
-        the laws of a group with a kernel.
+        sum_g (K_g + i nu C_g) (1 - R_g(nu)) + i nu C - nu^2 M. C_g is the linear part of the laws
+        of a group with a kernel in the rates.
         """
         frequencies = check_dynamic_frequencies(nu, self._active_kernels)
         at = frequencies[..., np.newaxis, np.newaxis]

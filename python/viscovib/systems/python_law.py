@@ -1,4 +1,4 @@
-"""Force laws that are functions of Python, for what a text cannot say."""
+"""Force laws as Python functions."""
 
 from __future__ import annotations
 
@@ -34,36 +34,34 @@ _called: WeakValueDictionary[int, CalledLaw] = WeakValueDictionary()
 
 @dataclass(frozen=True, eq=False)
 class PythonLaw:
-    """A force law that is a function of Python, where a text cannot say it.
+    """A force law as a Python function.
 
-    It works wherever a text does in `Spring`, `Coupling` and `PolynomialSystem`, with and without
-    memory. A function alone, ``law=lambda d, v: ...``, is the same as ``PythonLaw(function)``.
+    It works wherever a text works in `Spring`, `Coupling` and `PolynomialSystem`, with and without
+    memory. A plain function, ``law=lambda d, v: ...``, equals ``PythonLaw(function)``.
 
-    The function is called once with symbols. If it consists of arithmetic, comparisons and
-    functions of NumPy that a text has (``np.tanh``, ``np.where``, ``np.maximum``, ...), and the
-    text has the same values at random arguments, the text is used: it costs what texts cost, and
-    steps in time end at its kinks and jumps. Numbers that the function reads elsewhere are those
-    of this moment.
+    The function is called once with symbols. If it consists of arithmetic, comparisons and NumPy
+    functions that a text has (``np.tanh``, ``np.where``, ``np.maximum``, ...), and the text has the
+    same values at random arguments, the text is used. It costs as little as a text, and steps in
+    time end at its kinks and jumps. Other numbers in the function keep their values of this moment.
 
-    Any other function is called with arrays of samples each time a force is needed, some 20 us a
-    call (a text: less than 1 us); plans state this. Steps in time do not end at its kinks, and
-    layers thinner than a step are not looked for, so it should be smooth. Scenes and bodies take
-    texts only.
+    Any other function is called with arrays of samples each time a force is needed, about 20 us per
+    call (a text: less than 1 us); plans state this. Steps in time do not end at its kinks, and thin
+    layers are not detected, so it should be smooth. Scenes and bodies accept texts only.
 
     Parameters
     ----------
     function : callable
-        f of arrays, entry by entry, as NumPy's functions are; NaN where it has no value. Its
-        arguments are named as a text would name them: ``d`` and ``v`` of a `Spring`, coordinates
-        and rates (``x``, ``x_dot``) of a `PolynomialSystem`, and parameters; 8 at most. Those with
-        a default may be left out.
+        f of arrays, element by element, like NumPy functions; NaN where it has no value. Its
+        arguments have the names of a text: ``d`` and ``v`` of a `Spring`, coordinates and rates
+        (``x``, ``x_dot``) of a `PolynomialSystem`, and parameters; at most 8. Arguments with a
+        default are optional.
     slopes : callable, optional
-        Its derivatives by the arguments that are no parameters, in their order: a function of the
-        same arguments that returns an array, or a tuple of arrays if there are several. None: by
-        the text, or by the complex step Im f(d + ih)/h, exact for a function that takes complex
-        numbers and is analytic. Both are compared with differences when the system is made.
+        Its derivatives by the arguments that are not parameters, in their order: a function of the
+        same arguments that returns an array, or a tuple of arrays. None: from the text, or by the
+        complex step Im f(d + ih)/h, which is exact for an analytic function of complex numbers.
+        Both are compared with difference quotients when the system is created.
     arguments : sequence of str, optional
-        Names of the arguments, in order, for functions that do not tell, such as those of SciPy.
+        Names of the arguments, in order, for functions without a signature, such as those of SciPy.
 
     Examples
     --------

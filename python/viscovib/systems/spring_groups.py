@@ -1,4 +1,4 @@
-"""Groups of springs as a user gives them: stiffness, forces as text or monomials, a kernel."""
+"""Groups of springs: stiffness, forces as text or monomials, a kernel."""
 
 from __future__ import annotations
 
@@ -27,16 +27,16 @@ Forces: TypeAlias = (
 
 @dataclass(frozen=True, kw_only=True)
 class Monomial:
-    """One force: coefficient * product of coordinates to their powers.
+    """A force term: coefficient * product of powers of coordinates.
 
     Parameters
     ----------
     coefficient : float
-        Positive where it opposes the motion, as a stiffness does.
+        Positive if the force opposes the motion, like a stiffness.
     powers : mapping of coordinate to power, or one power per coordinate
         {"x1": 2, "x2": 1} or (2, 1): u_1^2 u_2.
     on : str or int
-        The equation it stands in, by coordinate.
+        The equation of the force, by coordinate.
 
     Examples
     --------

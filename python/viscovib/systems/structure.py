@@ -1,4 +1,4 @@
-"""A structure of any number of coordinates with local elements, condensed to what is nonlinear."""
+"""Structures of any number of coordinates with local elements, condensed to their deflections."""
 
 import os
 from collections.abc import Mapping, Sequence
@@ -67,42 +67,42 @@ _MOST = 1_000_000
 class Structure:
     """M u'' + C u' + K u + sum_j e_j (1 - R_j*) [k_j d_j + f_j(d_j)] = load(t), d_j = e_j . u.
 
-    Linear almost everywhere: only the deflections d_j of elements that are nonlinear or remember
-    are unknowns, everything else is eliminated exactly,
+    The unknowns are the deflections d_j of nonlinear elements and elements with memory. All other
+    coordinates are eliminated exactly,
 
     Y_k + H(i k nu) G_k(Y) = Y0_k,  H(s) = E^T (K + s C + s^2 M)^-1 E,  Y0_k = E^T D(i k nu)^-1 P_k.
 
     Parameters
     ----------
     mass : array_like or scipy.sparse array
-        M, symmetric and positive: n numbers (a diagonal matrix) or shape (n, n). Coordinates
-        without mass (rows of 0) follow the others at once.
+        M, symmetric and positive semidefinite: n numbers (a diagonal matrix) or shape (n, n).
+        Coordinates without mass (rows of 0) follow immediately.
     stiffness : array_like or scipy.sparse array
-        K, as mass; it need be neither positive (rigid bodies) nor symmetric (follower forces).
-        Of more than 1000 coordinates in sparse matrices `reduce` makes a model of few modes.
+        K, in the same forms; it may be singular (rigid bodies) or unsymmetric (follower forces).
+        For more than 1000 coordinates in sparse matrices use `reduce`.
     damping : array_like or scipy.sparse array, optional
-        C, as stiffness; it need not be symmetric (gyroscopic forces).
+        C, in the same forms; it may be unsymmetric (gyroscopic forces).
     modal_damping : float or array_like, shape (n,)
-        Damping ratio of every mode (0.02 is 2 %), or of each, in the order of their frequencies.
-        Beside dampers that couple the modes it is C = M Phi diag(2 ratio omega) Phi' M.
+        Damping ratio of every mode (0.02 is 2 %), or of each mode in the order of frequencies. With
+        dampers that couple the modes it is C = M Phi diag(2 ratio omega) Phi' M.
     rayleigh : tuple of two float
         Damping a M + b K by its factors a (1/s) and b (s).
     loss_factor : float
-        K (1 + i loss_factor sign(nu)), for harmonic methods only: in time it has no meaning.
-        Modal damping, Rayleigh's and this one are of the structure with the linear parts of its
-        elements.
+        K (1 + i loss_factor sign(nu)), for harmonic methods only. Modal damping, Rayleigh damping
+        and the loss factor refer to the structure with the linear parts of its elements.
     elements : sequence of Spring, Coupling, Jenkins, Iwan, BoucWen, Dahl, Gap and Stop
-        Local elements. Their linear stiffness and damping add to K and C.
+        Local elements. Their linear stiffness and damping are added to K and C.
     layers : sequence of (array, Kernel)
-        Stiffness matrices beside K that relax as a whole, as of a layer of rubber, each as
-        ``stiffness``: K_j (1 - R_j*). Kernels that are sums of exponentials are exact at any size
-        of the matrix; others must act in at most 64 directions. A file does not hold them.
+        Stiffness matrices with memory, added to K, for example of a rubber layer, each in the form
+        of ``stiffness``: K_j (1 - R_j*). Kernels that are sums of exponentials are exact for any
+        size of the matrix; other kernels must act in at most 64 directions. Files do not contain
+        layers.
     names, units : sequence of str, optional
-        Of the coordinates; default "x1", "x2", ..., and "m".
+        Names and units of the coordinates; default "x1", "x2", ..., and "m".
     base_direction : array_like, shape (n,), optional
-        How the coordinates move with the base without deforming a spring; None: it is fixed. If
-        the mass couples coordinates to the supports by a block M_fs, add the load -M_fs a, a being
-        the acceleration of the supports.
+        Motion of the coordinates with the base without deformation of a spring; None: the base is
+        fixed. If the mass matrix couples coordinates to the supports by a block M_fs, add the load
+        -M_fs a with the acceleration a of the supports.
 
     Examples
     --------
@@ -222,7 +222,7 @@ class Structure:
 
     @property
     def deflections(self) -> tuple[str, ...]:
-        """The unknowns of the condensed equations: coordinates, or combinations of them."""
+        """Unknowns of the condensed equations: coordinates, or combinations of them."""
         found = []
         for column in self._condensation.laws.directions.T:
             places = np.flatnonzero(column)
@@ -312,42 +312,41 @@ class Structure:
         method: str = "modes",
         max_modes: int = 1000,
     ) -> Self:
-        """Return the same structure, its linear rest reduced to few modes by one factorization.
+        """Return the same structure with its linear subsystem reduced to few modes.
 
-        Modes up to 1.5 times the highest frequency, and static corrections of every order that
-        the loads and elements need: as many as the tolerance asks for (`systems.reduction`). Under
-        ``modal_damping`` what lies above these modes is damped as K is, not by a ratio.
+        The reduced model contains the modes up to 1.5 times the highest frequency, and as many
+        static corrections for the loads and elements as the tolerance requires
+        (`systems.reduction`). It needs one factorization. With ``modal_damping`` the part above
+        these modes has stiffness-proportional damping.
 
         Parameters
         ----------
         frequency : float
-            Highest circular frequency (rad/s) at which displacements are wanted, harmonics
-            included.
+            Highest circular frequency (rad/s) of the displacements, including harmonics.
         tolerance : float
-            Largest error of displacements, in the norm of strain energy, relative to them, under
-            every load and element alone; estimated from residuals of the full equations at 50
-            frequencies.
+            Largest relative error of displacements in the norm of strain energy, for every single
+            load and element, estimated from residuals of the full equations at 50 frequencies.
         loads : sequence
-            Directions in which loads will act, each as ``on`` of a `Spring`: a coordinate, a
-            mapping {name: weight}, a vector. Those of elements and of the base are known.
+            Directions of future loads, each as ``on`` of a `Spring`: a coordinate, a mapping {name:
+            weight}, a vector. Directions of elements and of the base are included automatically.
         lowest : float
-            Lowest circular frequency (rad/s); above 0 for a structure that is free to move.
+            Lowest circular frequency (rad/s); above 0 for a free structure.
         method : str
-            "modes", or "craig-bampton": modes with the coordinates of elements and loads held,
-            and the shapes that these deflect statically.
+            "modes", or "craig-bampton": modes with fixed coordinates of elements and loads, and the
+            static shapes of these coordinates.
         max_modes : int
-            How many modes and corrections there may be.
+            Largest number of modes and corrections.
 
         Returns
         -------
         Structure
-            With ``reduction``, which says how good it is.
+            With ``reduction``, which contains the error.
 
         Raises
         ------
         InputError
-            If the tolerance cannot be reached, the factorization would not fit into memory, or a
-            load acts elsewhere later on.
+            If the tolerance cannot be reached, if the factorization does not fit into memory, or
+            later if a load acts in a different direction.
 
         Examples
         --------
@@ -409,12 +408,12 @@ class Structure:
         return result
 
     def in_modes(self) -> Any:
-        """Return a reduced structure as a small one in the amplitudes of its modes.
+        """Return a reduced structure as a small structure in modal coordinates.
 
-        Whatever takes a `Structure` of few coordinates takes that: steps in time end where
-        friction, gaps and stops switch, motions that repeat are found in time, with events,
-        ensembles and exponents. Elements act in the same directions. Its base does not move: what
-        a moving base does is a load, -M b times its acceleration, on what is relative to it.
+        All functions for structures of few coordinates accept it: steps in time end where friction,
+        gaps and stops switch; shooting, events, ensembles and exponents work. Elements act in the
+        same directions. Its base is fixed: replace a base motion by the load -M b times its
+        acceleration, for the relative motion.
 
         Returns
         -------
@@ -437,22 +436,22 @@ class Structure:
         damping: "str | os.PathLike[str] | None" = None,
         **options: Any,
     ) -> Self:
-        """Return a structure from files of its matrices, or from one of all (`write`).
+        """Return a structure from files of its matrices, or from one file of `write`.
 
         Parameters
         ----------
         mass, stiffness, damping : path
-            Matrix Market (.mtx, .mm), Harwell-Boeing (.rb, .hb, .rsa, .rua) or what
-            `scipy.sparse.save_npz` wrote (.npz), each real and square. ``mass`` alone: a .npz
-            that `write` made.
+            Matrix Market (.mtx, .mm), Harwell-Boeing (.rb, .hb, .rsa, .rua) or files of
+            `scipy.sparse.save_npz` (.npz), each real and square. ``mass`` alone: a .npz file of
+            `write`.
         **options
-            All else that a structure takes, such as ``elements``, ``names`` and ``rayleigh``.
+            Other arguments of a structure, such as ``elements``, ``names`` and ``rayleigh``.
 
         Raises
         ------
         FileError, InputError
-            A file is missing, cut short, complex, of another type or size, or it stores one
-            triangle twice or not at all: one line that names it.
+            If a file is missing, truncated, complex, of a different type or size, or if it stores
+            one triangle twice or not at all.
 
         Examples
         --------
@@ -470,17 +469,17 @@ class Structure:
     def write(
         self, path: "str | os.PathLike[str]", *, coordinates: Sequence[str] | None = None
     ) -> None:
-        """Write the matrices, without the elements: laws and kernels are given when it is read.
+        """Write the matrices without the elements. Pass elements again when reading.
 
         Parameters
         ----------
         path : path
-            NAME.npz: the whole model with its damping, names, units and base, for `read`.
-            NAME.mtx: Matrix Market files NAME_mass.mtx, NAME_stiffness.mtx and NAME_damping.mtx.
-            Of a reduced structure these are of its modes, with NAME_shapes.mtx: a row for each of
+            NAME.npz: the whole model with its damping, names, units and base, for `read`. NAME.mtx:
+            Matrix Market files NAME_mass.mtx, NAME_stiffness.mtx and NAME_damping.mtx. For a
+            reduced structure these are the modal matrices, with NAME_shapes.mtx: a row for each of
             some coordinates; an element or load along e acts on the modes along shapes' e.
         coordinates : sequence of str, optional
-            Rows of NAME_shapes.mtx; None: where elements and loads act.
+            Rows of NAME_shapes.mtx; None: coordinates with elements and loads.
         """
         from viscovib.systems.structure_files import write_structure
 
@@ -488,7 +487,7 @@ class Structure:
 
     @property
     def reduction(self) -> Any:
-        """How good a reduced structure is (`systems.reduction.Reduction`); None of a whole one."""
+        """Quality of a reduced structure (`systems.reduction.Reduction`); None for a full one."""
         return None if self._reduced is None else self._reduced.reduction
 
     def characteristic_roots(
@@ -496,20 +495,20 @@ class Structure:
     ) -> "CharacteristicRoots":
         """The first roots of det[M s^2 + C s + K + sum_j (k_j + s c_j) e_j e_j' (1 - R_j(s))] = 0.
 
-        c_j is what is linear in the rate in the law of an element with a kernel.
-        By Newton's method on the full matrices, dense or sparse; each root begins at a mode of the
-        stiffness that acts at its frequency. ``real`` lists the positive real roots (up to 500
-        coordinates, symmetric matrices), ``n_unstable`` counts the growing roots listed,
-        ``complete`` is False and ``region`` states what was searched.
+        c_j is the linear part of the law of an element with a kernel in the rate. Newton's method
+        works on the full matrices, dense or sparse. Each root starts from a mode of the stiffness
+        at its frequency. ``real`` lists the positive real roots (up to 500 coordinates, symmetric
+        matrices). ``n_unstable`` counts the growing roots in the list. ``complete`` is False, and
+        ``region`` states the searched part of the plane.
 
         Parameters
         ----------
         count : int
-            How many, by rising frequency of the modes they belong to; None: 6, or all if there
-            are fewer.
+            Number of roots, by increasing frequency of their modes; None: 6, or all if there are
+            fewer.
         layers : sequence of (array, Kernel)
-            Further stiffness matrices beside K that relax as a whole, with any kernel, beside those
-            that the structure has.
+            Further stiffness matrices with memory, with any kernel, in addition to those of the
+            structure.
         """
         from viscovib.systems.sparse_roots import structure_roots
 

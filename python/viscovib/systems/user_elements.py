@@ -1,4 +1,4 @@
-"""Elements with hysteresis of users, which the option ``elements`` of the build names."""
+"""User-defined hysteresis elements of the build option ``elements``."""
 
 from dataclasses import make_dataclass
 from functools import cache
@@ -76,15 +76,15 @@ def _made(name: str, values: dict[str, Any]) -> Hysteresis:
 
 
 def user_elements() -> dict[str, type[Hysteresis]]:
-    """Return the elements with hysteresis that users have added to this build, by name.
+    """Return the user-defined hysteresis elements of this build, by name.
 
-    Each is a class like `Jenkins`, with the numbers that its Fortran file names. Structures,
-    branches, motions in time, ensembles and ``vary=`` take it.
+    Each is a class like `Jenkins`, with the parameters of its Fortran file. Structures, branches,
+    motions in time, ensembles and ``vary=`` accept it.
 
     Returns
     -------
     dict
-        Classes by the names of their files; empty in a build without such.
+        Classes by the names of their files; empty in a build without user elements.
 
     Examples
     --------
