@@ -305,6 +305,17 @@ def run(task: str, /, *parents: Handle, **values: Any) -> dict[str, Any]:
     return _found(handle, sizes, 0)
 
 
+def oscillator_object(
+    flat: FloatArray, kernels: "tuple[int, FloatArray, int, FloatArray]"
+) -> Handle:
+    """Build an oscillator from its numbers and its kernels of x and phi."""
+    kind_x, data_x, kind_phi, data_phi = kernels
+    return Handle(
+        "system oscillator", flat=flat, kind_x=kind_x, data_x=data_x, kind_phi=kind_phi,
+        data_phi=data_phi,
+    )  # fmt: skip
+
+
 def _begin(
     task: str, parents: tuple[Handle, ...], values: Mapping[str, Any]
 ) -> tuple[int, FloatArray]:
@@ -528,6 +539,30 @@ def in_parts(
         for whole, part in zip(found, parts, strict=True):
             whole[..., start:end] = part
     return tuple(found)
+
+
+def run_in_parts(
+    task: str, about: Handle, seconds: float, /, **arrays: npt.NDArray[Any]
+) -> dict[str, npt.NDArray[Any]]:
+    """Run a task on so many values at a time that Ctrl-C is heard between.
+
+    ``seconds``: what a value takes at most. Values are the last axis of what is given and found.
+    """
+    n = next(iter(arrays.values())).shape[-1]
+    if n * seconds <= _PART:
+        return run(task, about, **arrays)
+    # Whole blocks and lanes of the core, so that no bit depends on where parts end.
+    wide = int(_PART / seconds)
+    size = max(wide // _BLOCK * _BLOCK, min(wide // _LANES * _LANES, _BLOCK), _LANES)
+    found: dict[str, npt.NDArray[Any]] = {}
+    for start in range(0, n, size):
+        end = start + size
+        parts = run(task, about, **{key: own[..., start:end] for key, own in arrays.items()})
+        for name, part in parts.items():
+            if name not in found:
+                found[name] = np.empty((*part.shape[:-1], n), dtype=part.dtype, order="F")
+            found[name][..., start:end] = part
+    return found
 
 
 def all_finite(array: npt.NDArray[Any]) -> bool:

@@ -369,6 +369,7 @@ def _scaled(system: PolynomialSystem, numbers: Mapping[str, float]) -> Polynomia
         flat[at] = found.at(value)[at]
     other = copy(system)
     other.__dict__["_vector"] = flat
+    other.__dict__.pop("_handle", None)
     return other
 
 

@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from viscovib._native import ComplexArray, FloatArray
+from viscovib._native import ComplexArray, FloatArray, Handle, oscillator_object
 from viscovib.common.counts import things
 from viscovib.errors import InputError
 from viscovib.systems.element_laws import Laws
@@ -310,6 +310,11 @@ class LoadedStructure:
         series[-1, : self.orders.size] = self.base
         nothing = np.zeros(1)
         return flat, STRUCTURE_IN_VECTOR, nothing, 0, nothing, orders, series
+
+    @cached_property
+    def _handle(self) -> Handle:
+        """The condensed structure and its load in the core."""
+        return oscillator_object(self.job[0], self.job[1:5])
 
     @property
     def _base_deflections(self) -> FloatArray:

@@ -6,6 +6,7 @@ import math
 import warnings
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import ClassVar
 
 import numpy as np
@@ -176,6 +177,11 @@ class Mount:
         if isinstance(self.kernel_phi, Kernel):
             return kind_x, data_x, self.kernel_phi._kind, self.kernel_phi._data
         return kind_x, data_x, _AS_X if self.kernel_phi is None else _NO_KERNEL, nothing
+
+    @cached_property
+    def _handle(self) -> _native.Handle:
+        """The system in the core."""
+        return _native.oscillator_object(self._flat, self._kernels)
 
     @property
     def _active_kernels(self) -> tuple[Kernel, ...]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import ClassVar
 
 import numpy as np
@@ -114,6 +115,11 @@ class Pendulum:
         flat.flags.writeable = False
         object.__setattr__(self, "_flat", flat)
         _native.call(core.pendulum_modes, flat)
+
+    @cached_property
+    def _handle(self) -> _native.Handle:
+        """The pendulum in the core."""
+        return _native.Handle("system pendulum", flat=self._flat)
 
     def _shaken(self, part: float) -> Pendulum:
         """One of which all numbers that are rounded are other by this part of them.

@@ -454,6 +454,11 @@ class PolynomialSystem:
         return _KERNELS_IN_VECTOR, nothing, 0, nothing
 
     @cached_property
+    def _handle(self) -> _native.Handle:
+        """The system in the core."""
+        return _native.oscillator_object(self._flat, self._kernels)
+
+    @cached_property
     def _active_kernels(self) -> tuple[Kernel, ...]:
         kernels: list[Kernel] = []
         for group in self.groups:
