@@ -1,4 +1,4 @@
-"""A rigid body in space on its mounts: six coordinates, any number of mounts at any place."""
+"""A rigid body in space on mounts at any position: six coordinates."""
 
 from __future__ import annotations
 
@@ -53,57 +53,54 @@ _LOAD_AXES = ("body", "space")
 
 
 class Body(LinearBody):
-    """A rigid body on mounts, each of them rubber with its own memory and force law.
+    """A rigid body on mounts, each with its own kernel and force law.
 
-    The coordinates are the displacement x, y, z (m) of the centre of mass and the rotation
-    rx, ry, rz (rad) about it, both small. With the point p of a mount and its rotation R (local
-    to body axes) its deflections are d = R^T (u + theta x p), and
+    The coordinates are the displacement x, y, z (m) of the mass centre and the rotation rx, ry, rz
+    (rad) about it, both small. With the point p of a mount and its rotation R (local to body axes)
+    its deflections are d = R^T (u + theta x p), and
 
         M u'' + sum_j e_j {(1 - R_j*) [k_j d_j + g_j(d_j)] + c_j d_j'} = load(t),  d_j = e_j . u,
 
-    over all directions j of all mounts: a `PolynomialSystem`, on which every method works. The
-    floor is at rest, or moves: along ``base_direction`` by one ``base=``, or in all six components
-    by their own amplitudes, ``base={"x": 1e-3, "rx": 2e-4j}``, and in time by a `LoadTable` of six
-    columns. Rotations of the floor are small, about the centre of mass at rest; the weight keeps
-    its direction. Responses are absolute then too.
+    over all directions j of all mounts. This is a `PolynomialSystem`, and every method works for
+    it. The floor is at rest or moves: along ``base_direction`` by ``base=``, in all six components
+    with their own amplitudes, ``base={"x": 1e-3, "rx": 2e-4j}``, or in time by a `LoadTable` with
+    six columns. Rotations of the floor are small, about the mass centre at rest. The weight keeps
+    its direction. Responses are absolute.
 
     Parameters
     ----------
     mass : float
-        Of the body (kg).
+        Mass of the body (kg).
     inertia : array_like, shape (3, 3) or (3,)
-        Tensor of inertia about the centre of mass in body axes (kg m^2), with the signs of a
-        tensor (J_xy = -sum m x y), or its diagonal.
+        Inertia tensor about the mass centre in body axes (kg m^2), with tensor signs (J_xy = -sum m
+        x y), or its diagonal.
     mounts : sequence of MountPoint
     center : array_like, shape (3,), optional
-        Centre of mass (m), in the axes in which the mounts' positions are given.
+        Mass centre (m), in the axes of the mounts' positions.
     gravity : float or array_like, shape (3,), optional
-        Acceleration (m/s^2), a number along -z. The body then sags: mounts carry
-        k_j (1 - integral of R_j) in the end, coordinates count from the loaded position, laws
-        are those about it, and the preload adds its geometric stiffness, which remembers nothing.
-        None: no gravity. Preloads of the mounts' laws move it in the same way.
+        Acceleration (m/s^2); a number acts along -z. The body then has a static deflection: relaxed
+        mounts have the stiffness k_j (1 - integral of R_j), coordinates are relative to the loaded
+        position, laws are expanded about it, and the preload adds its geometric stiffness, which
+        has no memory. None: no gravity. Preloads of the mounts' laws have the same effect.
     geometry : str, optional
         "small": rotations are small, the mounts are nonlinear. "exact": rotations are finite, and
-        rx, ry, rz are the rotation vector, the angle (below 2 pi) times the unit vector of the axis
-        about which the body is turned; all inertia terms are kept. A body that goes on turning is
-        told by the other vector of the same rotation, theta (1 - 2 pi/|theta|), after a step that
-        ends beyond 3.5 rad. Mounts act along directions fixed in the floor,
-        d = e . (u + R p - p), and what holds rotations is deflected by the rotation vector: such a
-        body keeps its vector, whose angle stays below 2 pi (near it steps must be short). Motions
-        in time and periodic ones are computed then; modes and what is linear are those of small
+        rx, ry, rz are the rotation vector, the angle (below 2 pi) times the unit vector of the
+        axis; all inertia terms are included. After a step that ends beyond 3.5 rad a rotating body
+        uses the equivalent vector theta (1 - 2 pi/|theta|). Mounts act along directions fixed in
+        the floor, d = e . (u + R p - p). A rotational stiffness acts on the rotation vector: such a
+        body keeps its vector, whose angle stays below 2 pi (near it small steps are needed).
+        Motions in time and periodic motions are available; modes and linear results refer to small
         motions.
     load_axes : str, optional
-        With ``geometry="exact"``: "body": forces and torques turn with the body, such as the
-        torque of an engine; "space": they keep their directions (a torque that does has no
-        potential).
+        With ``geometry="exact"``: "body": forces and torques rotate with the body, such as the
+        torque of an engine; "space": they keep their directions (such a torque has no potential).
     base_direction : str or array_like, shape (6,), optional
-        How the floor moves: "x", ..., "rz" (about the centre of mass), or a mix.
+        Motion of the floor: "x", ..., "rz" (about the mass centre), or a combination.
     spin : array_like, shape (3,), optional
-        Angular momentum h (kg m^2/s) in body axes of parts that spin steadily inside, such as a
-        flywheel; their mass and inertia belong to those of the body. It adds the gyroscopic torque
-        h x omega to what turns the body, J omega' + omega x (J omega + h) = ... (Goldstein,
-        Classical Mechanics, 5.5), J theta'' - h x theta' = ... where rotations are small. Its modes
-        are complex: see `characteristic_roots`.
+        Angular momentum h (kg m^2/s) in body axes of rotors with steady spin, such as a flywheel.
+        Their mass and inertia are part of the body. It adds the gyroscopic torque h x omega, J
+        omega' + omega x (J omega + h) = ... (Goldstein, Classical Mechanics, 5.5), J theta'' - h x
+        theta' = ... for small rotations. The modes are complex: see `characteristic_roots`.
 
     Warns
     -----
@@ -262,18 +259,18 @@ class Body(LinearBody):
     def energy(self, state: npt.ArrayLike) -> FloatArray:
         """Kinetic and potential energy at states (u_1, u_1', u_2, ...), shape (..., 2 n).
 
-        Of mounts without memory and damping whose laws are polynomials; with
-        ``geometry="exact"`` 1/2 m x'^2 + 1/2 omega . J omega and the springs' own.
+        For mounts without memory and damping with polynomial laws; with ``geometry="exact"`` it is
+        1/2 m x'^2 + 1/2 omega . J omega plus the energy of the springs.
         """
         if not self._turns:
             return super().energy(state)
         return turning_energy(self._mass_matrix, self._mount_springs, self._states(state))
 
     def angular_momentum(self, state: npt.ArrayLike) -> FloatArray:
-        """About the centre of mass in axes of space (kg m^2/s), shape (..., 3).
+        """Angular momentum about the mass centre in space axes (kg m^2/s), shape (..., 3).
 
         R (J omega + h) at states (u_1, u_1', u_2, ...), shape (..., 2 n); J theta' + h + theta x h
-        where rotations are small, h that of parts that spin.
+        for small rotations, with h of the rotors.
         """
         states = self._states(state)
         inertia = self._mass_matrix[3:6, 3:6]
@@ -307,32 +304,32 @@ class Body(LinearBody):
         return "\n".join(lines) + ">"
 
     def sag(self) -> Sag:
-        """Where the body rests under gravity and preloads, and what each mount carries.
+        """Return the static equilibrium under gravity and preloads, and the mount forces.
 
         Raises
         ------
         InputError
-            If the body was made without ``gravity``, and no law is a preload.
+            If the body has no ``gravity`` and no preload.
         """
         if self._sag is None:
             raise InputError("gravity: is None, the body has no weight: give gravity=9.81")
         return self._sag
 
     def motion_of(self, result: Any, point: npt.ArrayLike) -> ComplexArray:
-        """Displacement of a point of the body in a response or along a branch.
+        """Return the displacement of a point of the body in a response or branch.
 
         Parameters
         ----------
         result : Response or Branch
-            Of this body.
+            A result of this body.
         point : array_like, shape (3,)
-            Where (m), in the axes of the mounts' positions.
+            The point (m), in the axes of the mounts' positions.
 
         Returns
         -------
         ndarray, shape (n_nu, 3, n_harmonics)
             Coefficients (m) like ``result.coefficients``; times -(k nu)^2 they are the
-            acceleration. Where the floor moves they are absolute too.
+            acceleration. With a moving floor they are absolute.
         """
         arm = self._arm("point", point)
         if str(getattr(result, "varies", "nu")).startswith("center"):
@@ -345,19 +342,19 @@ class Body(LinearBody):
         return np.asarray(moved)
 
     def mount_forces(self, result: Any, *, base: LoadLike | None = None) -> MountForces:
-        """Deflection, force and lost power of every mount in a response or along a branch.
+        """Return deflection, force and lost power of every mount in a response or branch.
 
         Parameters
         ----------
         result : Response or Branch
-            Of this body.
+            A result of this body.
         base : complex or mapping, optional
-            The motion of the floor is that of the result; given, it must be the same.
+            The motion of the floor is that of the result. If given, it must be the same.
 
         Returns
         -------
         MountForces
-            Without what the mounts carry at rest.
+            Without the static forces.
         """
         found = self._coefficients(result)
         varies = getattr(result, "varies", "nu")

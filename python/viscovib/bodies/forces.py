@@ -1,4 +1,4 @@
-"""What the mounts of a body do in a periodic motion: deflections, forces, lost power."""
+"""Mount forces of a body in a periodic motion: deflections, forces, lost power."""
 
 from __future__ import annotations
 
@@ -29,26 +29,26 @@ _FINE, _FINEST = 32, 512
 
 @dataclass(frozen=True, eq=False, repr=False)
 class MountForces(Result):
-    """Deflections, forces and moments of mounts, local axes, as Fourier coefficients.
+    """Deflections, forces and moments of mounts in local axes, as Fourier coefficients.
 
     Attributes
     ----------
     nu : ndarray, shape (n,)
         Circular frequencies (rad/s).
     harmonics : ndarray, shape (n_harmonics,)
-        Orders k.
+        Harmonics k.
     names : tuple of str
-        Of the mounts.
+        Names of the mounts.
     deflection : ndarray, shape (n, n_mounts, 3, n_harmonics)
         d = Im sum_k D_k exp(i k nu t) (m).
     force : ndarray, shape (n, n_mounts, 3, n_harmonics)
-        Of each mount against its deflection (N), the track of a fluid mount included, that of
-        the orders kept.
+        Force of each mount opposite to its deflection (N), including the track of a fluid mount,
+        for the harmonics kept.
     rotation : ndarray, shape (n, n_mounts, 3, n_harmonics)
-        Rotation about the local axes (rad), as the body's.
+        Rotation of the body about the local axes (rad).
     moment : ndarray, shape (n, n_mounts, 3, n_harmonics)
-        Of each mount against its rotation (N m), by its ``rotational_stiffness``; the moment of
-        ``force`` about another place is not in it.
+        Moment of each mount opposite to its rotation (N m), by its ``rotational_stiffness``;
+        without the moment of ``force`` about other points.
 
     Examples
     --------
@@ -79,7 +79,7 @@ class MountForces(Result):
         return f"forces of {things(len(self.names), 'mount')} at {nu}, {ends}"
 
     def panels(self) -> list[Panel]:
-        """Amplitudes of each mount's force in the direction where it is largest."""
+        """Return the amplitudes of each mount's force in the direction of its largest component."""
         found = []
         for name in self.names:
             sizes = self.amplitude(name)
@@ -90,7 +90,7 @@ class MountForces(Result):
         return found
 
     def to_dataset(self) -> xr.Dataset:
-        """Everything as an xarray Dataset."""
+        """Return all data as an xarray Dataset."""
         import xarray as xr
 
         over = ("nu", "mount", "axis", "harmonic")
@@ -115,7 +115,7 @@ class MountForces(Result):
     def lost_power(self) -> FloatArray:
         """Mean power lost in each direction of each mount (W), shape (n, n_mounts, 3).
 
-        What is lost in turning is not in it.
+        The loss by rotational stiffness is not included.
         """
         return self._lost(self.force, self.deflection)
 
@@ -123,7 +123,7 @@ class MountForces(Result):
     def lost_in_turning(self) -> FloatArray:
         """Mean power lost about each axis of each mount (W), shape (n, n_mounts, 3).
 
-        It is lost by the memory of rotational stiffness.
+        It is the loss by the memory of the rotational stiffness.
         """
         return self._lost(self.moment, self.rotation)
 

@@ -1,4 +1,4 @@
-"""What engineers read of a body under small motions: modes, axes, loads, transmissibilities."""
+"""Linear results of a body: modes, axes, loads, transmissibilities."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ from viscovib.systems.polynomial_system import PolynomialSystem
 
 
 class LinearBody(PolynomialSystem):
-    """A body on its mounts as far as its motions are small."""
+    """A body on its mounts under small motions."""
 
     body_mass: float
     inertia: FloatArray
@@ -72,13 +72,13 @@ class LinearBody(PolynomialSystem):
         return np.asarray(turned(self._sag.displacement[3:6], np.eye(3)).T)
 
     def modes(self, *, stiffness: str | float | None = None) -> BodyModes:
-        """Modes about the position at rest, with their kinetic energies.
+        """Return the modes about the static equilibrium with their kinetic energies.
 
         Parameters
         ----------
         stiffness : "instantaneous", "relaxed" or float, optional
-            Undamped modes of one stiffness: of rubber before it relaxes, after it has relaxed, or
-            at a circular frequency (rad/s). None: with kernels, damped modes, each with the
+            Undamped modes with a selected stiffness: before relaxation, after complete relaxation,
+            or at a circular frequency (rad/s). None: with kernels, damped modes, each with the
             stiffness and the loss at its own root of the characteristic equation, one for each
             undamped mode unless its motion creeps; without kernels, undamped modes.
 
@@ -91,7 +91,7 @@ class LinearBody(PolynomialSystem):
         Raises
         ------
         InputError
-            If the position at rest is unstable, or parts of the body spin.
+            If the static equilibrium is unstable, or if the body contains rotors.
         """
         self._check_real()
         if stiffness is None:
@@ -124,16 +124,16 @@ class LinearBody(PolynomialSystem):
         frames: int = 40,
         fps: float = 20.0,
     ) -> Any:
-        """Show a mode as a moving picture in space, its largest swing a quarter of the picture.
+        """Animate a mode in space, with the largest motion a quarter of the picture.
 
         Parameters
         ----------
         mode : int
-            Which, from 1.
+            Number of the mode, from 1.
         path : path, optional
-            Where to write it: ``.gif``, ``.html`` or ``.mp4`` (as of `animate`). None: not written.
+            File to write: ``.gif``, ``.html`` or ``.mp4`` (as for `animate`). None: not written.
         frames : int
-            Pictures of one period.
+            Pictures per period.
         fps : float
             Pictures per second, up to 200.
 
@@ -144,21 +144,22 @@ class LinearBody(PolynomialSystem):
         Raises
         ------
         InputError
-            If there is no such mode, the rest is unstable, or the file cannot be of this kind.
+            If the mode does not exist, the static equilibrium is unstable, or the file type is not
+            supported.
         """
         films = import_module("viscovib.plots.body_films")
         return films.film_of_mode(self, mode, path, frames, fps)
 
     def torque_roll_axis(self, about: str | npt.ArrayLike = "x") -> FloatArray:
-        """Axis about which a free body turns under a torque, through the centre of mass.
+        """Return the axis about which a free body rotates under a torque, through the mass centre.
 
-        It is the direction of J^-1 t (Harris, Shock and Vibration Handbook). A body whose
-        mounts let it roll about this axis answers a torque with one mode only.
+        It is the direction of J^-1 t (Harris, Shock and Vibration Handbook). If a body can roll
+        about this axis in a single mode, a torque excites only this mode.
 
         Parameters
         ----------
         about : "x", "y", "z" or array_like, shape (3,)
-            Axis of the torque, that of the crankshaft.
+            Axis of the torque, for example of the crankshaft.
 
         Returns
         -------
@@ -169,10 +170,10 @@ class LinearBody(PolynomialSystem):
         return np.asarray(axis / np.linalg.norm(axis))
 
     def roll_share(self, about: str | npt.ArrayLike = "x") -> FloatArray:
-        """How much of each mode is rolling about the torque-roll axis (percent), shape (6,).
+        """Return the share of roll about the torque-roll axis in each mode (percent), shape (6,).
 
-        |phi^H M r|^2/(r^T M r) of modes of unit modal mass, r the roll about that axis. The shares
-        of all undamped modes add up to 100: of an ideal suspension one is 100, the others 0.
+        |phi^H M r|^2/(r^T M r) of modes of unit modal mass, with the roll r about this axis. The
+        shares of all undamped modes add up to 100. For an ideal suspension a single share is 100.
         """
         roll = np.zeros(len(self.dof_names))
         roll[3:6] = self.torque_roll_axis(about)
@@ -180,16 +181,16 @@ class LinearBody(PolynomialSystem):
         return np.asarray(100 * np.abs(self.modes().shapes.conj().T @ push) ** 2 / (roll @ push))
 
     def centers(self) -> tuple[FloatArray, FloatArray]:
-        """Centre of stiffness and centre of compliance (m), in the axes of the positions.
+        """Return the centres of stiffness and of compliance (m), in the axes of the positions.
 
-        In space no single elastic centre exists. About the first the coupling block of the
-        stiffness matrix is symmetric, about the second that of its inverse (Loncaric 1987);
-        they agree where a true elastic centre exists.
+        In space there is no single elastic centre. The coupling block of the stiffness matrix is
+        symmetric about the first point, that of its inverse about the second (Loncaric 1987). They
+        agree if a true elastic centre exists.
 
         Raises
         ------
         InputError
-            If the stiffness leaves such a point undetermined.
+            If the stiffness does not determine such a point.
         """
         stiffness = self._stiffness_at_rest[:6, :6]
         places = []
@@ -214,7 +215,7 @@ class LinearBody(PolynomialSystem):
         torque: npt.ArrayLike = (0.0, 0.0, 0.0),
         at: npt.ArrayLike | None = None,
     ) -> ComplexArray:
-        """A force (N) at a point (m; None: the centre of mass) and a torque (N m) as a load.
+        """Return a force (N) at a point (m; None: the mass centre) and a torque (N m) as a load.
 
         Returns
         -------
@@ -240,10 +241,10 @@ class LinearBody(PolynomialSystem):
         at: npt.ArrayLike | None = None,
         axis: str | npt.ArrayLike = "x",
     ) -> ComplexArray:
-        """The load of a rotating unbalance m e nu^2 at one speed nu (rad/s).
+        """Return the load of a rotating unbalance m e nu^2 at one speed nu (rad/s).
 
-        The force turns about ``axis`` through the point ``at`` (m) by the right-hand rule; at
-        t = 0 it points along the second of two axes across, y for "x".
+        The force rotates about ``axis`` through the point ``at`` (m) by the right-hand rule. At t =
+        0 it points along the next axis, y for "x".
 
         Parameters
         ----------
@@ -273,19 +274,19 @@ class LinearBody(PolynomialSystem):
         *,
         relative: bool = False,
     ) -> ComplexArray:
-        """Displacement of a point of the body over that of the floor, linear.
+        """Return the displacement of a point of the body divided by that of the floor, linear.
 
         Parameters
         ----------
         nu : array_like
             Circular frequencies (rad/s).
         axis : "x", ..., "rz" or array_like, shape (3,) or (6,)
-            How the floor moves: the direction (3), or the complex amplitudes of all six components
-            (m and rad, about the centre of mass at rest), which are not scaled.
+            Motion of the floor: the direction (3), or the complex amplitudes of all six components
+            (m and rad, about the mass centre at rest), which are not scaled.
         point : array_like, shape (3,), optional
-            Where on the body (m); None: the centre of mass.
+            Point of the body (m); None: the mass centre.
         relative : bool
-            Relative to the floor.
+            True: relative to the floor.
 
         Returns
         -------
@@ -312,7 +313,7 @@ class LinearBody(PolynomialSystem):
         axis: str | npt.ArrayLike = "z",
         at: npt.ArrayLike | None = None,
     ) -> ComplexArray:
-        """Sum of the forces on the floor over a force on the body, linear.
+        """Return the sum of the forces on the floor divided by a force on the body, linear.
 
         Parameters
         ----------
@@ -321,7 +322,7 @@ class LinearBody(PolynomialSystem):
         axis : "x", "y", "z" or array_like, shape (3,)
             Direction of the force.
         at : array_like, shape (3,), optional
-            Where it acts (m); None: at the centre of mass.
+            Point of the force (m); None: the mass centre.
 
         Returns
         -------
@@ -345,7 +346,7 @@ class LinearBody(PolynomialSystem):
         axis: str | npt.ArrayLike = "z",
         point: npt.ArrayLike | None = None,
     ) -> tuple[FloatArray, FloatArray]:
-        """Acceleration of a point of the body on a floor that shakes at random, linear.
+        """Return the acceleration of a point of the body on a randomly moving floor, linear.
 
         S_body = |H|^2 S_floor, and the mean square is the integral of S over the frequencies.
 
@@ -359,13 +360,14 @@ class LinearBody(PolynomialSystem):
         axis, point
             As of `base_transmissibility`.
 
+
         Returns
         -------
         density : ndarray, shape (n, 3)
             Spectral densities of the acceleration along x, y and z ((m/s^2)^2/Hz).
         rms : ndarray, shape (3,)
-            Root mean squares from the first of these frequencies to the last (m/s^2). Resonances
-            between them count, however narrow.
+            Root mean squares from the first to the last frequency (m/s^2), including narrow
+            resonances between the frequencies.
         """
         frequencies = _native.real_array("hz", hz)
         given = _native.real_array("density", density)
@@ -388,12 +390,12 @@ class LinearBody(PolynomialSystem):
     def engine_orders(
         self, speeds: npt.ArrayLike, orders: npt.ArrayLike, loads: npt.ArrayLike
     ) -> ComplexArray:
-        """Answer to loads whose frequencies are multiples of a speed, linear.
+        """Return the response to loads at multiples of a speed, linear.
 
         Parameters
         ----------
         speeds : array_like, shape (n,)
-            Of the crankshaft (rad/s).
+            Speeds of the crankshaft (rad/s).
         orders : array_like, shape (m,)
             Multiples of the speed: 0.5, 1, 2, ...
         loads : array_like, shape (m, n_dof) or (n, m, n_dof)
@@ -417,11 +419,11 @@ class LinearBody(PolynomialSystem):
     def scatter(
         self, n: int, spread: float = 0.15, *, seed: int = 0
     ) -> tuple[FloatArray, FloatArray]:
-        """Modes of n bodies whose mounts' stiffnesses scatter: how robust a suspension is.
+        """Return the modes of n bodies with random mount stiffnesses, to check a suspension.
 
-        Every local stiffness of every mount is multiplied by a random factor of its own, uniform
-        in [1 - spread, 1 + spread]. With kernels each mode has the stiffness at its own frequency
-        in the body without scatter.
+        Every local stiffness of every mount is multiplied by its own random factor, uniform in [1 -
+        spread, 1 + spread]. With kernels each mode has the stiffness at its own frequency in the
+        body without scatter.
 
         Returns
         -------

@@ -1,4 +1,4 @@
-"""Mean squares of answers to random floors: spectral densities integrated through resonances."""
+"""Mean squares of responses to random floors: spectral densities integrated through resonances."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Modes of a body on mounts, as engineers read them: Hz, kinetic energies, decoupling."""
+"""Modes of a body on mounts: Hz, kinetic energies, decoupling."""
 
 from __future__ import annotations
 
@@ -26,26 +26,26 @@ _RIGID = 1e-12
 
 @dataclass(frozen=True, eq=False, repr=False)
 class BodyModes(Result):
-    """Modes of a body about its position at rest, damped or undamped (`Body.modes`).
+    """Modes of a body about its static equilibrium, damped or undamped (`Body.modes`).
 
     Attributes
     ----------
     omega : ndarray, shape (m,)
-        Circular frequencies (rad/s), ascending; 0 of a mode that nothing holds. Of a damped mode
-        that moves as exp(s t) the imaginary part of s.
+        Circular frequencies (rad/s), ascending; 0 for a rigid-body mode. For a damped mode exp(s t)
+        the imaginary part of s.
     shapes : ndarray, shape (n, m)
-        A column each, phi^H M phi = 1; those of damped modes are complex.
+        One column each, phi^H M phi = 1; complex for damped modes.
     energy : ndarray, shape (n, m)
-        Kinetic energy of each coordinate (row) in each mode (column), percent:
-        100 Re conj(phi_i) sum_j M_ij phi_j. Columns add up to 100. Products of inertia count with
-        their coordinate, so that a share may be negative.
+        Kinetic energy of each coordinate (row) in each mode (column), percent: 100 Re conj(phi_i)
+        sum_j M_ij phi_j. Columns add up to 100. Products of inertia are part of their coordinate,
+        so a share may be negative.
     loss_factor : ndarray, shape (m,)
         Im/Re of phi^H D(i omega) phi without inertia: the loss factor of kernels and dampers in the
-        mode at its own frequency. NaN of a mode at frequency 0.
+        mode at its own frequency. NaN for a mode at frequency 0.
     damping_ratio : ndarray, shape (m,)
-        -Re s/|s| of damped modes; half the loss factor of undamped ones.
+        -Re s/|s| for damped modes; half the loss factor for undamped modes.
     names : tuple of str
-        Of the coordinates.
+        Names of the coordinates.
 
     Examples
     --------
@@ -96,7 +96,7 @@ class BodyModes(Result):
         return lines
 
     def numbers(self) -> dict[str, Number]:
-        """Frequencies and decoupling, for sweeps."""
+        """Return frequencies and decoupling, for sweeps."""
         found = {f"f{r + 1}": Number(float(f), "Hz") for r, f in enumerate(self.hz)}
         shares = {
             f"decoupling{r + 1}": Number(float(p), "%") for r, p in enumerate(self.decoupling)
@@ -104,7 +104,7 @@ class BodyModes(Result):
         return found | shares
 
     def panels(self) -> list[Panel]:
-        """Shares of each coordinate over the modes."""
+        """Return the shares of each coordinate over the modes."""
         modes = np.arange(1.0, self.omega.size + 1)
         return [
             Panel(modes, self.energy[i], "mode", name, "%") for i, name in enumerate(self.names)
@@ -115,7 +115,7 @@ class BodyModes(Result):
         return import_module("viscovib.plots.bodies").plot_energy(self, *args, **options)
 
     def to_dataset(self) -> xr.Dataset:
-        """Everything as an xarray Dataset."""
+        """Return all data as an xarray Dataset."""
         import xarray as xr
 
         return xr.Dataset(

@@ -1,4 +1,4 @@
-"""A mount of a body in space: where it is, how it is turned, and what its three directions do."""
+"""A mount of a body in space: position, orientation, and the properties of its three directions."""
 
 from __future__ import annotations
 
@@ -22,15 +22,16 @@ _ROTATION = 1e-9
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class FluidTrack:
-    """The inertia track of a fluid mount, as a column of fluid behind a rubber chamber.
+    """The inertia track of a fluid mount: a column of fluid behind a rubber chamber.
 
-    The chamber bulges with stiffness K, and the fluid in the track has the mass M and the viscous
-    damping C, all as felt by the mount. They stand in series, parallel to the rubber:
+    The chamber has the bulge stiffness K, and the fluid in the track has the mass M and the viscous
+    damping C, all relative to the mount. They are in series with each other and parallel to the
+    rubber:
 
         k*(nu) = k + i nu c + K Z/(K + Z),   Z = -nu^2 M + i nu C.
 
-    The track becomes a coordinate y of its own, M y'' + C y' + K (y - d) = 0, d the deflection of
-    the mount along its axis; its force on the mount is K (d - y).
+    The track is an additional coordinate y, M y'' + C y' + K (y - d) = 0, where d is the deflection
+    of the mount along its axis. Its force on the mount is K (d - y).
 
     Parameters
     ----------
@@ -41,7 +42,7 @@ class FluidTrack:
     stiffness : float
         K (N/m), greater than 0.
     axis : int
-        The local axis of the mount along which it acts: 0, 1 or 2.
+        Local axis of the mount: 0, 1 or 2.
 
     Examples
     --------
@@ -73,37 +74,37 @@ class FluidTrack:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class MountPoint:
-    """A mount between a body and the floor: three springs along its own axes.
+    """A mount between a body and the floor: three springs along its local axes.
 
-    Along each local axis j it gives f_j = (1 - R_j*) [k_j d_j + g_j(d_j)] + c_j d_j', with d the
-    displacement of its point of the body relative to the floor.
+    Along each local axis j the force is f_j = (1 - R_j*) [k_j d_j + g_j(d_j)] + c_j d_j', where d
+    is the displacement of its point of the body relative to the floor.
 
     Parameters
     ----------
     name : str
         Letters, digits and _.
     position : array_like, shape (3,)
-        Where it is fixed to the body (m), in the axes of the body.
+        Point of the body (m), in the axes of the body.
     stiffness : array_like, shape (3,)
         k_j along the local axes (N/m), not negative.
     angles : array_like, shape (3,), optional
-        How the local axes are turned out of those of the body (rad): about x, then y, then z,
+        Orientation of the local axes relative to those of the body (rad): about x, then y, then z,
         R = Rz Ry Rx from local to body axes.
     axes : array_like, shape (3, 3), optional
-        The same as a matrix, a column for each local axis, instead of ``angles``.
+        The orientation as a matrix, one column for each local axis, instead of ``angles``.
     damping : float or array_like, shape (3,), optional
         c_j (N s/m).
     kernel : Kernel or sequence of 3 Kernel or None, optional
         Memory of all three directions, or of each.
     law : str or sequence of 3 str or None, optional
-        Nonlinear forces g_j(d): polynomials such as ``"1e10*d^3"``, whose linear term adds to k_j,
-        or with functions and the rate v as of `Spring`, such as a snubber
-        ``"1e6*max(d - 0.004, 0)"``. What is not 0 at d = 0 is a preload: the body then stands where
-        all of them balance, as under its weight.
+        Nonlinear forces g_j(d): polynomials such as ``"1e10*d^3"``, whose linear term is added to
+        k_j, or texts with functions and the rate v as for `Spring`, such as a snubber ``"1e6*max(d
+        - 0.004, 0)"``. A value at d = 0 is a preload: the static equilibrium balances all preloads
+        and the weight.
     parameters : mapping of str to float, optional
-        Numbers that the laws name; along branches ``vary="mounts[left].k3"``.
+        Numbers in the laws; along branches ``vary="mounts[left].k3"``.
     rotational_stiffness : array_like, shape (3,), optional
-        About the local axes (N m/rad), on the rotation of the body, with the same memory.
+        About the local axes (N m/rad), for the rotation of the body, with the same memory.
     track : FluidTrack, optional
         The inertia track of a fluid mount.
 
@@ -201,7 +202,7 @@ class MountPoint:
     def dynamic_stiffness(self, nu: npt.ArrayLike) -> ComplexArray:
         """Linear stiffness along the local axes, shape nu.shape + (3,) (N/m).
 
-        (1 - R_j(nu)) k_j + i nu c_j, the track of a fluid mount included; ``nu`` in rad/s.
+        (1 - R_j(nu)) k_j + i nu c_j, including the track of a fluid mount; ``nu`` in rad/s.
         """
         frequencies = _native.real_array("nu", nu)
         total = np.empty((*frequencies.shape, 3), dtype=complex)
@@ -215,7 +216,7 @@ class MountPoint:
 
     @property
     def static_stiffness(self) -> FloatArray:
-        """Linear stiffness along the local axes when all relaxation is over, shape (3,) (N/m)."""
+        """Linear stiffness along the local axes after complete relaxation, shape (3,) (N/m)."""
         lost = [0.0 if kernel is None else kernel.integral for kernel in self.kernels]
         kept = 1 - np.array(lost)
         return np.asarray(kept * self._tangents)

@@ -1,4 +1,4 @@
-"""Where a body rests under its weight and preloads, and what its mounts then carry."""
+"""Static equilibrium of a body under its weight and preloads, and its mount forces."""
 
 from __future__ import annotations
 
@@ -28,18 +28,18 @@ _SMALLEST_PART = 1e-4
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Sag(Value):
-    """The loaded position of a body, all relaxation over.
+    """The static equilibrium of a body after complete relaxation.
 
     Attributes
     ----------
     displacement : ndarray, shape (n,)
         x, y, z (m) and rx, ry, rz (rad) from the position without weight and preload.
     deflections : ndarray, shape (n_mounts, 3)
-        Of each mount along its local axes (m).
+        Deflection of each mount along its local axes (m).
     forces : ndarray, shape (n_mounts, 3)
-        Of each mount on the body along its local axes (N).
+        Force of each mount on the body along its local axes (N).
     residual : float
-        What is left of weight and preloads, relative to them.
+        Residual of weight and preloads, relative to them.
 
     Examples
     --------

@@ -1,1 +1,1 @@
-"""Relaxation kernels: what a material remembers."""
+"""Relaxation kernels of materials with memory."""

@@ -1,11 +1,11 @@
-"""Relaxation kernels: how a viscoelastic spring forgets.
+"""Relaxation kernels of viscoelastic springs.
 
-A spring of stiffness c with memory has c (1 - R*) in its place, where
-(R*g)(t) = integral_0^t R(t-s) g(s) ds. Every kernel gives its transforms
+A spring of stiffness c with memory is c (1 - R*), where (R*g)(t) = integral_0^t R(t-s) g(s) ds.
+Every kernel has its transforms
 
     R_c(mu) - i R_s(mu) = integral_0^inf R(t) exp(-i mu t) dt
 
-in closed form, to the last digits.
+in closed form, with full accuracy.
 """
 
 from __future__ import annotations
@@ -48,9 +48,9 @@ class Kernel(ABC):
 
     @cached_property
     def integral(self) -> float:
-        """Integral of R over [0, inf): what a spring loses in the end (inf if there is none).
+        """Integral of R over [0, inf): the fraction of the stiffness lost by complete relaxation.
 
-        At 1 or more the relaxed stiffness is not positive.
+        It is inf for some kernels. At 1 or more the relaxed stiffness is not positive.
         """
         return float(_native.call(core.kernel_integral, self._kind, self._data)[0])
 
@@ -82,7 +82,7 @@ class Kernel(ABC):
         return np.array(-self.transform(mu).imag)[()]
 
     def laplace(self, s: npt.ArrayLike) -> ComplexArray:
-        """Laplace transform at complex s (1/s), any shape, continued off its branch cut.
+        """Laplace transform at complex s (1/s), any shape, continued to the branch cut.
 
         A pole, or the end of the cut, is an `InputError`.
         """
@@ -300,7 +300,7 @@ class RzhanitsynKernel(Kernel):
     alpha : float
         Exponent of the weak singularity, in (0, 1].
     beta : float
-        Rate of the exponential (1/s), >= 0; without it the kernel has no integral.
+        Rate of the exponential (1/s), >= 0; for 0 the kernel has no finite integral.
 
     Examples
     --------
@@ -329,14 +329,14 @@ class RzhanitsynKernel(Kernel):
 
     @property
     def limit_amplitude(self) -> float:
-        """The A at which the integral reaches 1: beta^alpha / Gamma(alpha)."""
+        """The amplitude A for which the integral is 1: beta^alpha / Gamma(alpha)."""
         unit = RzhanitsynKernel(amplitude=1.0, alpha=self.alpha, beta=self.beta)
         return 1.0 / unit.integral
 
 
 @dataclass(frozen=True, kw_only=True)
 class AbelKernel(Kernel):
-    """Abel (power law) kernel R(t) = A t^(alpha-1), 0 < alpha <= 1; it has no integral.
+    """Abel (power law) kernel R(t) = A t^(alpha-1), 0 < alpha <= 1, without a finite integral.
 
     Examples
     --------

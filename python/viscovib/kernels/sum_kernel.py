@@ -16,13 +16,13 @@ from viscovib.kernels.relaxation import Kernel
 class SumKernel(Kernel):
     """A sum of kernels R = R_1 + R_2 + ..., each with its own exact transforms.
 
-    Two Rabotnov kernels are two fractional Zener elements side by side: a spring with two
+    Two Rabotnov kernels are two fractional Zener elements in parallel: a spring with two
     spring-pots.
 
     Parameters
     ----------
     parts : sequence of Kernel
-        One or more; sums among them are taken apart.
+        One or more. Sums in the sequence are expanded.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""A relaxation kernel known at measured times."""
+"""A relaxation kernel from measured values."""
 
 from __future__ import annotations
 
@@ -31,17 +31,17 @@ class TabulatedKernel(Kernel):
     values : array_like, shape (n,)
         R(t_i) (1/s).
     interpolation : {"linear", "exponential"}
-        "linear": straight between points, constant before the first, 0 after the last.
-        "exponential": log-linear between points (all values > 0), the first and last rates
-        continued outside; refused where that leaves the range of numbers before the first.
+        "linear": straight lines, constant before the first point, 0 after the last. "exponential":
+        log-linear (all values > 0), extrapolated with the first and last rates; refused if the
+        extrapolation overflows.
 
     Warns
     -----
     StabilityWarning
-        If values are negative or increase with time, as those of no relaxing material do; if
-        the first points rise towards t = 0 like a power of t, so that more than 1 % of the integral
-        lies before the first time, where the table knows nothing: give earlier times, or a kernel
-        with that singularity, such as `RzhanitsynKernel`.
+        If values are negative or increase with time, which no relaxing material does, or if the
+        first points increase towards t = 0 like a power of t, so that more than 1 % of the integral
+        lies before the first time. Then add earlier times, or use a kernel with this singularity,
+        such as `RzhanitsynKernel`.
 
     Examples
     --------

@@ -1,7 +1,7 @@
-"""Rubber at a temperature: shift laws, and kernels that follow them.
+"""Temperature dependence of rubber: shift laws and kernels.
 
 A thermorheologically simple material relaxes at a temperature T as at its reference T_r, but a_T
-times as slowly: its modulus at a frequency f is that at a_T f and T_r (Ferry, Viscoelastic
+times more slowly: its modulus at a frequency f is that at a_T f and T_r (Ferry, Viscoelastic
 Properties of Polymers, 1980, ch. 11). A kernel becomes R_T(t) = R(t/a_T)/a_T.
 """
 
@@ -25,7 +25,7 @@ _LARGEST = 1e9
 
 
 class ShiftLaw(ABC):
-    """How many times as slow a material is at a temperature as at its reference.
+    """Ratio of the relaxation times at a temperature and at the reference temperature.
 
     Examples
     --------
@@ -49,9 +49,9 @@ class ShiftLaw(ABC):
 
 @dataclass(frozen=True, kw_only=True)
 class WLF(ShiftLaw):
-    """Williams, Landel and Ferry's law log10 a_T = -c1 (T - T_r)/(c2 + T - T_r).
+    """Law of Williams, Landel and Ferry, log10 a_T = -c1 (T - T_r)/(c2 + T - T_r).
 
-    J. Am. Chem. Soc. 77 (1955) 3701. It holds from the glass transition up, T > T_r - c2.
+    J. Am. Chem. Soc. 77 (1955) 3701. It is valid above the glass transition, T > T_r - c2.
 
     Parameters
     ----------
@@ -173,7 +173,7 @@ class ThermalKernel(Kernel):
         self._check()
 
     def at(self, temperature: float) -> "ThermalKernel":
-        """The same material at another temperature (deg C)."""
+        """The same material at a different temperature (deg C)."""
         return ThermalKernel(kernel=self.kernel, shift=self.shift, temperature=temperature)
 
     @property

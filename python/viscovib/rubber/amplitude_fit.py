@@ -1,10 +1,10 @@
-"""Beyond the linear: stiffness that falls with amplitude, static curves that harden.
+"""Amplitude dependence: stiffness that decreases with amplitude, progressive static curves.
 
-A filled rubber holds a deflection of amplitude X by its kernel and, beside it, by Jenkins elements:
-springs k that slip at k x_s. Their first harmonic is, with u = x_s/X < 1 and cos t = 1 - 2 u,
-K' = (k/pi) (t - sin(2 t)/2) and K'' = (k/pi) sin(t)^2, and k where X <= x_s (Caughey, J. Appl.
-Mech. 27, 1960); several make up an Iwan model (Iwan, J. Appl. Mech. 33, 1966). A kernel's part does
-not know the amplitude, a Jenkins element's not the frequency.
+A filled rubber is modelled by a kernel in parallel with Jenkins elements: springs k that slip at k
+x_s. With u = x_s/X < 1 and cos t = 1 - 2 u their first harmonic is K' = (k/pi) (t - sin(2 t)/2) and
+K'' = (k/pi) sin(t)^2, and k if X <= x_s (Caughey, J. Appl. Mech. 27, 1960). Several elements form
+an Iwan model (Iwan, J. Appl. Mech. 33, 1966). The part of the kernel does not depend on the
+amplitude, that of a Jenkins element does not depend on the frequency.
 """
 
 import math
@@ -44,7 +44,7 @@ _EXACT = 1e-28
 
 
 def jenkins_stiffness(amplitude: npt.ArrayLike, *, stiffness: float, slip: float) -> ComplexArray:
-    """First harmonic of force over deflection of a Jenkins element.
+    """Return the first harmonic of force divided by deflection of a Jenkins element.
 
     Parameters
     ----------
@@ -83,7 +83,7 @@ def _jenkins(x: FloatArray, k: float, s: float) -> ComplexArray:
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class AmplitudeFit(Value):
-    """A kernel and Jenkins elements beside it, fitted by `fit_amplitude`.
+    """A kernel in parallel with Jenkins elements, fitted by `fit_amplitude`.
 
     Attributes
     ----------
@@ -95,11 +95,11 @@ class AmplitudeFit(Value):
     residual : (float, float)
         Relative rms residuals of K' and K''.
     interval : dict
-        95 % intervals, linearised over logarithms: "stiffness_1", "slip_1", ...; 0 to inf of what
-        is not constrained.
+        95 % intervals, linearized over logarithms: "stiffness_1", "slip_1", ...; 0 to inf for
+        unconstrained parameters.
     unconstrained : tuple of str
-        Names of what the amplitudes do not tell: elements that slip below the smallest or above the
-        largest one, and two without an amplitude between their slips.
+        Parameters that the data do not determine: elements that slip below the smallest or above
+        the largest amplitude, and two elements without an amplitude between their slips.
 
     Examples
     --------
@@ -117,7 +117,7 @@ class AmplitudeFit(Value):
     unconstrained: tuple[str, ...] = ()
 
     def predict(self, frequencies: npt.ArrayLike, amplitude: npt.ArrayLike) -> ComplexArray:
-        """K' + i K'' (N/m) at circular frequencies (rad/s) and amplitudes (m), of one shape."""
+        """Return K' + i K'' (N/m) at frequencies (rad/s) and amplitudes (m) of one shape."""
         nu = _native.real_array("frequencies", frequencies)
         x = _native.real_array("amplitude", amplitude)
         try:
@@ -133,27 +133,27 @@ class AmplitudeFit(Value):
 
 
 def fit_amplitude(data: ModulusData, *, kind: str = "rabotnov", elements: int = 1) -> AmplitudeFit:
-    """Fit a kernel and Jenkins elements beside it to a stiffness at several amplitudes.
+    """Fit a kernel in parallel with Jenkins elements to a stiffness at several amplitudes.
 
     Parameters
     ----------
     data : ModulusData
-        With amplitudes, two or more; a set each.
+        With two or more amplitudes, one set each.
     kind : {"rabotnov", "rzhanitsyn", "abel"}
-        Of the kernel.
+        Kind of the kernel.
     elements : int
-        1 to 6 Jenkins elements; several are an Iwan model.
+        1 to 6 Jenkins elements; several form an Iwan model.
 
     Returns
     -------
     AmplitudeFit
-        Elements with these numbers stand for it in systems that have such forces; the kernel's part
-        alone is what `fit_kernel` gives for large amplitudes.
+        Use its numbers in `Jenkins` or `Iwan` elements of a `Structure`. The part of the kernel
+        equals the result of `fit_kernel` for large amplitudes.
 
     Warns
     -----
     ConvergenceWarning
-        For elements that the amplitudes do not constrain, see `AmplitudeFit.unconstrained`.
+        If the amplitudes do not determine an element, see `AmplitudeFit.unconstrained`.
 
     Examples
     --------
@@ -351,10 +351,10 @@ class ProgressiveLaw(Value):
     stiffness : float
         Linear part k (N/m).
     law : str
-        The rest as a text that springs take, "k3*d^3"; its numbers are ``parameters``.
+        The nonlinear part as a text for springs, "k3*d^3"; its numbers are ``parameters``.
     parameters : dict of str to float
     residual : float
-        Root mean square over the largest force.
+        Root mean square divided by the largest force.
 
     Examples
     --------
@@ -374,7 +374,7 @@ class ProgressiveLaw(Value):
 def fit_progressive(
     deflection: npt.ArrayLike, force: npt.ArrayLike, *, degree: int = 3, odd: bool = True
 ) -> ProgressiveLaw:
-    """Fit k d + k2 d^2 + ... to a static curve, whose slope must stay positive.
+    """Fit k d + k2 d^2 + ... to a static curve. Its slope must stay positive.
 
     Parameters
     ----------
@@ -385,12 +385,12 @@ def fit_progressive(
     degree : int
         1 to 9.
     odd : bool
-        Odd powers only: as stiff to both sides.
+        Odd powers only: a symmetric law.
 
     Raises
     ------
     InputError
-        If the curve falls somewhere within the deflections: no static law is stable there.
+        If the fitted curve decreases within the deflections, because such a static law is unstable.
 
     Examples
     --------

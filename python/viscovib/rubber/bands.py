@@ -1,4 +1,4 @@
-"""What the uncertainty of a fit leaves of an answer."""
+"""Uncertainty of a result from the uncertainty of a fit."""
 
 import warnings
 from collections.abc import Callable
@@ -31,23 +31,24 @@ _FEW = 0.15
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Band(Value):
-    """Answers for kernels as likely as the data make them: uncertainty of the parameters only.
+    """Results for kernels from the likelihood of the data: uncertainty of the parameters only.
 
-    The band contains neither the scatter of single measurements nor the misfit of the kernel, so
-    that fewer measurements than ``level`` lie within it.
+    The band contains neither the scatter of single measurements nor the misfit of the kernel. So
+    fewer measurements than ``level`` lie within it.
 
     Attributes
     ----------
     nominal : ndarray, shape (...)
-        The answer of the fit itself.
+        The result for the fit itself.
     low, median, high : ndarray, shape (...)
-        Quantiles of the answers at each entry; of samples without an answer (NaN) nothing is taken.
+        Quantiles of the results at each entry, without NaN.
     answers : ndarray, shape (n, ...)
+        The result for each sample.
     missing : ndarray of int, shape (...)
-        Samples that had no answer.
+        Number of samples without a result.
     level : float
     effective : float
-        Number of independent samples that tell as much as those drawn.
+        Number of independent samples.
 
     Examples
     --------
@@ -82,7 +83,7 @@ class Band(Value):
         )
 
     def plot(self, x: npt.ArrayLike, ax: "Axes | None" = None, *, label: str = "") -> "Axes":
-        """Draw the band and the nominal answer over x, shape (n,)."""
+        """Draw the band and the nominal result over x, shape (n,)."""
         # By name, since that module knows this one.
         return import_module("viscovib.plots.rubber").plot_band(self, x, ax, label=label)  # type: ignore[no-any-return]
 
@@ -95,7 +96,7 @@ def propagate(
     seed: int = 0,
     level: float = 0.95,
 ) -> Band:
-    """Carry the uncertainty of the parameters of a fit through a function.
+    """Propagate the uncertainty of the parameters of a fit through a function.
 
     Kernels are drawn from the likelihood of the data (`KernelFit.samples`).
 
@@ -103,14 +104,14 @@ def propagate(
     ----------
     fit : KernelFit
     function : callable
-        Takes a `Sample` with ``kernel`` and ``modulus`` and returns a number or an array, of one
-        shape for all; NaN where there is no answer.
+        Accepts a `Sample` with ``kernel`` and ``modulus`` and returns a number or an array, of one
+        shape for all samples; NaN without a result.
     samples : int
-        How many kernels are drawn.
+        Number of kernels.
     seed : int
-        Of the draws: the same seed gives the same band.
+        Seed of the random numbers: the same seed gives the same band.
     level : float
-        Part of the answers within the band.
+        Fraction of the results within the band.
 
     Returns
     -------
@@ -119,7 +120,7 @@ def propagate(
     Warns
     -----
     ConvergenceWarning
-        If the data do not constrain a parameter, or if few of the samples are independent.
+        If the data do not determine a parameter, or if few of the samples are independent.
 
     Examples
     --------

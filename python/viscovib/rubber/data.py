@@ -1,8 +1,8 @@
 """Measurements of rubber: moduli over frequency, relaxation, creep, dynamic stiffness.
 
-All numbers are in SI units and frequencies circular (rad/s); readers turn the units of a file into
-these. E is Young's modulus, G the shear modulus, K a stiffness; one becomes another only where a
-Poisson ratio is stated.
+All numbers are in SI units, and frequencies are circular (rad/s). Readers convert the units of a
+file. E is Young's modulus, G the shear modulus, K a stiffness. A conversion between them needs a
+Poisson ratio.
 """
 
 from collections.abc import Sequence
@@ -33,18 +33,18 @@ _RAMP = Number("ramp", lowest=0)
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ModulusData(Value):
-    """Storage and loss over frequency, of one or several sets.
+    """Storage and loss over frequency, in one or several sets.
 
     Parameters
     ----------
     frequencies : array_like, shape (n,)
-        Circular frequencies (rad/s), > 0; each once in a set.
+        Circular frequencies (rad/s), > 0, different within a set.
     storage, loss : array_like, shape (n,)
         M' > 0 and M'' >= 0: moduli (Pa), or dynamic stiffness (N/m).
     temperature : array_like, shape (n,) or float, optional
         Degrees Celsius.
     set : array_like, shape (n,), optional
-        Number of the set of each row. Without it a new set begins where the frequencies turn back.
+        Number of the set of each row. By default a new set begins where the frequencies turn back.
     amplitude : array_like, shape (n,) or float, optional
         Amplitudes of the deflection (m).
     quantity : {"E", "G", "K"}
@@ -53,7 +53,7 @@ class ModulusData(Value):
     Raises
     ------
     InputError
-        For what no material has or no measurement gives: a line with the place.
+        For values that no material or measurement can have, with their row.
 
     Examples
     --------
@@ -108,15 +108,15 @@ class ModulusData(Value):
         return np.asarray(np.asarray(self.loss) / np.asarray(self.storage))
 
     def sets(self) -> "list[ModulusData]":
-        """Each set by itself, with ascending frequencies; from cold to warm, if that is known."""
+        """Return each set separately, with ascending frequencies; from cold to warm, if known."""
         return _sets(self, "frequencies")
 
     def to_shear(self, *, poisson: float) -> "ModulusData":
-        """G = E/(2 (1 + poisson)), the ratio taken as a real constant."""
+        """Return G = E/(2 (1 + poisson)) with a real constant Poisson ratio."""
         return self._converted("E", "G", 0.5 / (1 + _POISSON.check(poisson)))
 
     def to_young(self, *, poisson: float) -> "ModulusData":
-        """E = 2 (1 + poisson) G, the ratio taken as a real constant."""
+        """Return E = 2 (1 + poisson) G with a real constant Poisson ratio."""
         return self._converted("G", "E", 2 * (1 + _POISSON.check(poisson)))
 
     def _converted(self, before: str, after: str, factor: float) -> "ModulusData":
@@ -130,7 +130,7 @@ class ModulusData(Value):
         )
 
     def kramers_kronig(self) -> Any:
-        """Say whether storage and loss belong together: see `kramers_kronig`."""
+        """Check the consistency of storage and loss: see `kramers_kronig`."""
         # By name, since that module knows this one.
         return import_module("viscovib.rubber.kramers_kronig_pair").kramers_kronig(self)
 
@@ -142,17 +142,18 @@ class ModulusData(Value):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class RelaxationData(Value):
-    """A modulus over time after a step of strain, or after a ramp that ends in it.
+    """A modulus over time after a step of strain, or after a ramp.
 
     Parameters
     ----------
     times : array_like, shape (n,)
-        From the beginning of the step or ramp (s), > 0; each once in a set.
+        From the start of the step or ramp (s), > 0, different within a set.
     modulus : array_like, shape (n,)
-        Stress over the final strain (Pa), or force over deflection (N/m), > 0.
+        Stress divided by the final strain (Pa), or force divided by deflection (N/m), > 0.
     ramp : float
-        Time that the ramp takes (s), 0 for a step; times must not be before its end. A ramp taken
-        as a step gives an instantaneous modulus far too large, with hardly a residual.
+        Duration of the ramp (s), 0 for a step; times must not be before its end. A ramp that is
+        treated as a step gives an instantaneous modulus that is far too large, with a small
+        residual.
     temperature, set, quantity
         As in `ModulusData`.
 
@@ -185,7 +186,7 @@ class RelaxationData(Value):
         return f"RelaxationData({_rows(self)} of {self.quantity}, {_times(self, self.modulus)})"
 
     def sets(self) -> "list[RelaxationData]":
-        """Each set by itself, with ascending times."""
+        """Return each set separately, with ascending times."""
         return _sets(self, "times")
 
 
@@ -196,11 +197,11 @@ class CreepData(Value):
     Parameters
     ----------
     times : array_like, shape (n,)
-        From the step on (s), > 0; each once in a set.
+        From the step on (s), > 0, different within a set.
     compliance : array_like, shape (n,)
-        Strain over stress (1/Pa), or deflection over force (m/N), > 0.
+        Strain divided by stress (1/Pa), or deflection divided by force (m/N), > 0.
     temperature, set, quantity
-        As in `ModulusData`; the quantity is the modulus whose compliance this is.
+        As in `ModulusData`; the quantity is the modulus of this compliance.
 
     Examples
     --------
@@ -222,7 +223,7 @@ class CreepData(Value):
         return f"CreepData({_rows(self)} of 1/{self.quantity}, {_times(self, self.compliance)})"
 
     def sets(self) -> "list[CreepData]":
-        """Each set by itself, with ascending times."""
+        """Return each set separately, with ascending times."""
         return _sets(self, "times")
 
 

@@ -67,14 +67,14 @@ def write_kernel(kernel: Kernel, path: str | os.PathLike[str]) -> None:
 
 
 def read_kernel(path: str | os.PathLike[str]) -> Kernel:
-    """Read the kernel of a file that `write_kernel` or ``fit.to_json`` wrote.
+    """Read the kernel from a file of `write_kernel` or ``fit.to_json``.
 
     Raises
     ------
     FileError
         If the file cannot be read.
     InputError
-        If it holds no kernel: a line with what is missing or wrong.
+        If it contains no kernel: one line with the error.
 
     Examples
     --------
@@ -112,14 +112,14 @@ def write_fit(fit: KernelFit, path: str | os.PathLike[str]) -> None:
 
 
 def read_fit(path: str | os.PathLike[str]) -> KernelFit:
-    """Read a fit that ``fit.to_json`` wrote, with its data and its uncertainty.
+    """Read a fit from a file of ``fit.to_json``, with its data and its uncertainty.
 
     Raises
     ------
     FileError
         If the file cannot be read.
     InputError
-        If it holds no fit.
+        If it contains no fit.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""Fitted kernels: what was found, how sure it is, what constrains it."""
+"""Fitted kernels: results, uncertainty, and the data that determine each parameter."""
 
 import math
 import os
@@ -31,7 +31,7 @@ _COUNT, _SEED = Whole("n", 1, 10**6), Whole("seed", 0, 2**31)
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Optimum(Value):
-    """An end that starts have led to: the sum of squares (weights by the data), parameters.
+    """A local optimum of the fit: the sum of squares (weights by the data), parameters.
 
     Examples
     --------
@@ -52,7 +52,7 @@ class Optimum(Value):
 
 @dataclass(frozen=True)
 class Sample:
-    """One of the kernels that the data allow, as `propagate` hands it to a function.
+    """A kernel drawn from the likelihood of the data, the argument of the function of `propagate`.
 
     Attributes
     ----------
@@ -73,7 +73,7 @@ class Sample:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Profile(Value):
-    """How the sum of squares grows when a parameter is held beside its best value.
+    """Growth of the sum of squares for fixed values of a parameter near its best value.
 
     Attributes
     ----------
@@ -81,9 +81,10 @@ class Profile(Value):
     values : ndarray, shape (n,)
         Ascending values of the parameter.
     rise : ndarray, shape (n,)
-        Growth of the sum of squares over the variance of a residual: 3.84 bounds 95 %.
+        Growth of the sum of squares divided by the variance of a residual: 3.84 bounds 95 %.
     interval : (float, float)
-        Where the rise stays below the bound; 0 or inf (of alpha 0 or 1) where it never passes it.
+        Range in which the rise is below the bound; 0 or inf (for alpha 0 or 1) if it never exceeds
+        it.
     level : float
 
     Examples
@@ -116,19 +117,20 @@ class KernelFit(Result, ABC):
     modulus : float
         Instantaneous modulus M_0 (Pa, N/m).
     kernel : Kernel
-        Of a material with a shift law a `ThermalKernel`: ``fit.kernel.at(40)``.
+        For a material with a shift law a `ThermalKernel`: ``fit.kernel.at(40)``.
     parameters : dict
-        Of the kernel at the reference, and ``modulus``; NaN for what the data do not constrain.
+        Parameters of the kernel at the reference temperature, and ``modulus``; NaN for parameters
+        that the data do not determine.
     interval : dict
-        95 % interval of each.
+        95 % interval of each parameter.
     unconstrained : tuple of str
-        Parameters that the data do not constrain.
+        Parameters that the data do not determine.
     residual : (float, float)
-        Relative rms residuals of storage and loss; of data over time (rms, NaN).
+        Relative rms residuals of storage and loss; for data over time (rms, NaN).
     weights : {"model", "data"}
-        What the residuals were relative to in the end.
+        Reference of the relative residuals in the final fit.
     optima : tuple of Optimum
-        Ends of all starts, the best first.
+        Results of all starts, the best first.
 
     Examples
     --------
@@ -154,7 +156,7 @@ class KernelFit(Result, ABC):
 
     @property
     def quantity(self) -> str:
-        """What was measured."""
+        """The measured quantity."""
         return self.measured.data.quantity
 
     @property
@@ -170,7 +172,7 @@ class KernelFit(Result, ABC):
     @property
     @abstractmethod
     def parameters(self) -> dict[str, float]:
-        """Parameters, NaN where not constrained."""
+        """Parameters, NaN for undetermined ones."""
 
     @property
     @abstractmethod
@@ -180,11 +182,11 @@ class KernelFit(Result, ABC):
     @property
     @abstractmethod
     def unconstrained(self) -> tuple[str, ...]:
-        """What the data do not constrain."""
+        """Parameters that the data do not determine."""
 
     @abstractmethod
     def samples(self, n: int, *, seed: int = 0) -> Iterator[Sample]:
-        """Kernels as likely as the data make them, n of them."""
+        """Return n kernels drawn from the likelihood of the data."""
 
     @abstractmethod
     def _sampled(self, n: int, seed: int) -> tuple[Iterator[Sample], float]:
@@ -200,7 +202,7 @@ class KernelFit(Result, ABC):
 
     @cached_property
     def kernel(self) -> Kernel:
-        """The kernel, with a temperature where a shift law is known."""
+        """The kernel, with a temperature if a shift law is known."""
         return self._thermal(self.bare_kernel)
 
     def _thermal(self, kernel: Kernel) -> Kernel:
@@ -216,7 +218,7 @@ class KernelFit(Result, ABC):
         return first, float(np.sqrt(np.mean(rest**2))) if rest.size else math.nan
 
     def predict(self, frequencies: npt.ArrayLike) -> ComplexArray:
-        """M' + i M'' (Pa, N/m) at circular frequencies (rad/s), any shape."""
+        """Return M' + i M'' (Pa, N/m) at circular frequencies (rad/s), any shape."""
         return np.asarray(self.modulus * (1 - self.bare_kernel.transform(frequencies)))[()]
 
     def _headline(self) -> str:
@@ -258,7 +260,7 @@ class KernelFit(Result, ABC):
         return {"time": np.asarray(data.times), name: target, f"fitted_{name}": fitted}
 
     def to_dataset(self) -> "xr.Dataset":
-        """Data and fit over frequencies or times, parameters with their intervals."""
+        """Return data and fit over frequencies or times, and parameters with their intervals."""
         import xarray as xr
 
         columns, found, bounds = self._columns(), self.parameters, self.interval

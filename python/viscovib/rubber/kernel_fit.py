@@ -52,33 +52,34 @@ def fit_kernel(
 ) -> KernelFit:
     """Fit a kernel and the instantaneous modulus to measurements.
 
-    The sum of squares of relative residuals, of storage and loss alike, is smallest; several starts
-    are found and followed, and the best end is kept.
+    The fit minimizes the sum of squares of the relative residuals of storage and loss, from several
+    starts. The best optimum is returned.
 
     Parameters
     ----------
     data : ModulusData, RelaxationData, CreepData or MasterCurve
-        One temperature, or a master curve, whose kernel then has a temperature.
+        At one temperature, or a master curve, whose kernel then has a temperature.
     kind : {"rabotnov", "rzhanitsyn", "abel", "fractional_zener", "prony"} or sequence of these
-        Several are summed, ["rabotnov", "rabotnov"] being two spring-pots in parallel. A fractional
-        Zener element (a spring, and beside it a spring and a spring-pot in a row) is a Rabotnov
-        kernel.
+        Several kinds are summed: ["rabotnov", "rabotnov"] is two spring-pots in parallel. A
+        fractional Zener element (a spring in parallel with a spring and a spring-pot in series) is
+        a Rabotnov kernel.
     modulus : float, optional
-        M_0 where it is known (Pa, N/m); otherwise it is fitted too.
+        M_0 if it is known (Pa, N/m); otherwise it is fitted.
     storage_weight, loss_weight : float
         Factors of the residuals of each part.
     weights : {"model", "data"}
-        What residuals are relative to. By the model, which larger residuals than 15 % refuse, noise
-        does not bias the modulus; by the data it does.
+        Reference of the relative residuals. With "model" (not used for residuals above 15 %) noise
+        causes no bias of the modulus; with "data" it does.
     allow_creep : bool
-        Allow an integral of 1 or more, of which nothing is left in the end.
+        Allow an integral of 1 or more: complete relaxation.
     shift : ShiftLaw, optional
-        How the kernel follows temperature; of a master curve its own factors if none is given.
+        Temperature dependence of the kernel; by default the factors of a master curve.
     terms : {"auto"} or int
-        Of prony kernels: number of terms over the whole range of the data; "auto" tries 0.5 to 4
-        terms per decade and takes the density with the smallest information criterion (Schwarz).
+        For prony kernels: number of terms over the whole range of the data; "auto" tries 0.5 to 4
+        terms per decade and selects the density with the smallest information criterion (Schwarz).
     smooth : {"L-curve"} or float
-        Of prony kernels: weight of the second differences of the spectrum beside the residuals.
+        For prony kernels: weight of the second differences of the spectrum relative to the
+        residuals.
 
     Returns
     -------
@@ -87,14 +88,14 @@ def fit_kernel(
     Raises
     ------
     InputError
-        For sets at several temperatures, which need a master curve first.
+        For sets at several temperatures: use `master_curve` first.
 
     Warns
     -----
     ConvergenceWarning
-        For parameters that the data do not constrain, which are NaN in ``parameters``; for an
-        instantaneous modulus far beyond the data; for residuals far above those of a Prony series;
-        for rows that are read as several sets.
+        If the data do not determine a parameter (NaN in ``parameters``), if the instantaneous
+        modulus is far outside the data, if residuals are far above those of a Prony series, or if
+        rows are read as several sets.
 
     Examples
     --------

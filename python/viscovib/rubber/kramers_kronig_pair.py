@@ -1,8 +1,8 @@
-"""Whether storage and loss belong together.
+"""Consistency of storage and loss.
 
-Of a passive relaxing material both are given by one spectrum that is not negative
-(`prony_spectrum`); storage then fixes the loss but for what lies outside the frequencies measured.
-Three fits of such spectra tell: to storage alone, to loss alone, to both with equal weights of
+For a passive relaxing material both parts have one non-negative spectrum (`prony_spectrum`). The
+storage then determines the loss, except for relaxation outside the measured frequencies. Three fits
+of such spectra are compared: to storage alone, to loss alone, and to both with equal weights of
 their relative errors.
 """
 
@@ -43,29 +43,29 @@ _FEWEST = 5
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class KramersKronig(Result):
-    """What `kramers_kronig` found.
+    """Result of `kramers_kronig`.
 
     Attributes
     ----------
     consistent : bool
-        Whether one material may have both parts: the closest spectrum leaves no more than 1.5
-        times their scatter, and 2.5 % for systematic errors of measured moduli. A storage that
-        varies by less than a fifth says little of the loss, which the summary states.
+        True if one material may have both parts: the closest spectrum leaves at most 1.5 times
+        their scatter, plus 2.5 % for systematic errors of measured moduli. If the storage varies by
+        less than a fifth, this is a weak check, which the summary states.
     together : tuple of float
-        Relative rms residuals (storage, loss) of the spectrum closest to both, equal weights.
+        Relative rms residuals (storage, loss) of the spectrum closest to both, with equal weights.
     storage_alone, loss_alone : float
-        Relative rms residual of the spectrum closest to one part: its own scatter.
+        Relative rms residual of the spectrum closest to one part: its scatter.
     storage_varies : float
-        Largest less smallest storage, as a part of the largest.
+        Largest minus smallest storage, divided by the largest.
     frequencies : ndarray, shape (n,)
         Circular frequencies (rad/s), ascending.
     expected_loss : ndarray, shape (n,)
         Loss of a smooth spectrum that fits the storage.
     ratio : ndarray, shape (n,)
-        Measured loss over the expected.
+        Measured loss divided by the expected loss.
     wrong : tuple of (float, float, float, float)
-        Ranges where the ratio leaves [0.8, 1.25]: from, to (rad/s), smallest and largest ratio.
-        With ``consistent`` the scatter of the storage may explain them.
+        Ranges in which the ratio is outside [0.8, 1.25]: from, to (rad/s), smallest and largest
+        ratio. If ``consistent`` is True, the scatter of the storage may explain them.
 
     Examples
     --------
@@ -118,7 +118,7 @@ class KramersKronig(Result):
         return "; ".join([f"storage and loss contradict each other: {both}", *places])
 
     def to_dataset(self) -> "xr.Dataset":
-        """Expected loss, and measured loss over it."""
+        """Return the expected loss, and the measured loss divided by it."""
         import xarray as xr
 
         return xr.Dataset(
@@ -137,13 +137,13 @@ class KramersKronig(Result):
         )
 
     def plot(self, ax: "Axes | None" = None) -> "Axes":
-        """Draw measured loss over the loss that belongs to the storage."""
+        """Draw the measured loss divided by the loss expected from the storage."""
         # By name, since that module knows this one.
         return import_module("viscovib.plots.rubber").plot_ratio(self, ax)  # type: ignore[no-any-return]
 
 
 def kramers_kronig(data: ModulusData) -> KramersKronig:
-    """Check storage against loss.
+    """Check the consistency of storage and loss.
 
     Parameters
     ----------
@@ -156,7 +156,7 @@ def kramers_kronig(data: ModulusData) -> KramersKronig:
 
     Notes
     -----
-    Two errors leave no trace here: frequencies in Hz taken as rad/s, and a constant added to the
+    Two errors are not detectable: frequencies in Hz instead of rad/s, and a constant added to the
     storage.
 
     Examples

@@ -1,9 +1,9 @@
-"""Master curves: sets at several temperatures, shifted over each other.
+"""Master curves: sets at several temperatures, shifted onto each other.
 
-All sets lie on one curve y = s(log10 f + log10 a_T), y the logarithm of the storage (or loss, or
-the modulus over time), s a cubic spline with a weak penalty on its bends. Shift factors and spline
-are found together by least squares, so that the covariance of the factors says how sure each is:
-where neighbours hardly overlap, the curve between them hardly ties them.
+All sets lie on one curve y = s(log10 f + log10 a_T), where y is the logarithm of the storage (or
+loss, or the modulus over time) and s a cubic spline with a weak penalty on its curvature. Shift
+factors and spline are found together by least squares, so the covariance of the factors gives their
+uncertainty: if neighbouring sets hardly overlap, it is large.
 """
 
 import warnings
@@ -53,20 +53,20 @@ _UNIVERSAL = 51.6
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class MasterCurve(Result):
-    """Sets over each other, at a reference temperature.
+    """Sets shifted onto each other, at a reference temperature.
 
     Attributes
     ----------
     reference : float
         Degrees Celsius.
     temperatures, decades, uncertainty : ndarray, shape (n,)
-        Of each set, from cold to warm: its mean temperature, log10(a_T), and the standard
-        uncertainty of that relative to the reference. With ``vertical="free"`` by one part the
-        distance to the factors by both parts counts.
+        For each set, from cold to warm: its mean temperature, log10(a_T), and its standard
+        uncertainty relative to the reference. With ``vertical="free"`` by one part it includes the
+        difference from the factors by both parts.
     vertical : ndarray, shape (n,)
         b_T: measured moduli were divided by it. At T the modulus is b_T times that of a fit.
     overlap : ndarray, shape (n-1,)
-        Decades of reduced frequency that neighbours share.
+        Common decades of reduced frequency of neighbouring sets.
     scatter, loss_scatter : float
         Root mean square distance from a smooth curve (decades of modulus).
     data : ModulusData or RelaxationData
@@ -104,7 +104,7 @@ class MasterCurve(Result):
         )
 
     def to_dataset(self) -> "xr.Dataset":
-        """Factors of the sets, and all rows at reduced frequencies (times)."""
+        """Return the factors of the sets, and all rows at reduced frequencies (times)."""
         import xarray as xr
 
         over = "frequencies" if isinstance(self.data, ModulusData) else "times"
@@ -127,7 +127,7 @@ class MasterCurve(Result):
 
     @property
     def shift(self) -> ShiftTable:
-        """The factors as a law, straight between the temperatures measured."""
+        """Return the factors as a law, linear between the measured temperatures."""
         t, d = self.temperatures, self.decades
         if self.reference not in t:
             i = int(np.searchsorted(t, self.reference))
@@ -154,22 +154,22 @@ def master_curve(
     vertical: str = "none",
     factors: tuple[npt.ArrayLike, npt.ArrayLike] | None = None,
 ) -> MasterCurve:
-    """Shift sets at several temperatures over each other.
+    """Shift sets at several temperatures onto each other.
 
     Parameters
     ----------
     data : ModulusData or RelaxationData
         With temperatures, in two sets or more.
     reference : float
-        Temperature of the curve (deg C), within those measured; between two sets the factors are
-        those of a law (Arrhenius, WLF) through three, and what that leaves open counts.
+        Reference temperature (deg C), within the measured range. Between two sets the factors are
+        interpolated by a law (Arrhenius, WLF) through three sets, and the uncertainty includes this
+        interpolation.
     by : {"storage", "loss", "both"}
-        What is superposed.
+        Quantity that is superposed.
     vertical : {"none", "density", "free"}
-        Divide moduli by b_T: 1, the absolute temperature over that of the reference, or what fits.
+        Divide moduli by b_T: 1, the ratio of absolute temperatures, or a fitted value.
     factors : pair of array_like, optional
-        Temperatures and log10(a_T), 0 at the reference, to be taken as they are, at the nearest
-        sets.
+        Given temperatures and log10(a_T), 0 at the reference, which are used at the nearest sets.
 
     Returns
     -------
@@ -178,13 +178,14 @@ def master_curve(
     Raises
     ------
     InputError
-        Without temperatures, with one alone, or with neighbours that do not overlap.
+        Without temperatures, with a single temperature, or with neighbouring sets that do not
+        overlap.
 
     Warns
     -----
     ConvergenceWarning
-        Where neighbours overlap by less than 0.3 decades; for given factors that superpose the sets
-        worse than those found here.
+        If neighbouring sets overlap by less than 0.3 decades, or if given factors superpose the
+        sets worse than fitted factors.
 
     Examples
     --------

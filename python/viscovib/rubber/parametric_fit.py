@@ -31,13 +31,13 @@ _SIDE, _LONGER, _FAR, _HOLD = 60, 1.5, 40.0, 1e3
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class ParametricFit(KernelFit):
-    """A fit of few parameters; see `KernelFit`.
+    """A fit with few parameters; see `KernelFit`.
 
-    Linearised about the best parameters, over their logarithms (of alpha over its logit), which
-    keeps intervals admissible (Seber and Wild, Nonlinear Regression, 1989, ch. 5). The covariance
-    holds whatever the noise of each number, by the residuals themselves (HC3 of MacKinnon and
-    White, J. Econometrics 29, 1985): storage and loss need not scatter alike. Numbers must scatter
-    apart from each other; an error that all share, as of a calibration, stands in no interval.
+    It is linearized at the best parameters, over their logarithms (the logit of alpha), so
+    intervals stay admissible (Seber and Wild, Nonlinear Regression, 1989, ch. 5). The covariance
+    uses the residuals themselves (HC3 of MacKinnon and White, J. Econometrics 29, 1985), so storage
+    and loss may have different scatter. Errors must be independent: a common error, such as an
+    error of calibration, is not part of the intervals.
 
     Examples
     --------
@@ -91,7 +91,7 @@ class ParametricFit(KernelFit):
 
     @cached_property
     def covariance(self) -> FloatArray:
-        """Of the unknowns that the fit moves, shape (k, k)."""
+        """Covariance of the fitted unknowns, shape (k, k)."""
         _, residual, slopes = self._problem
         rows = self.measured.shares > 0
         return covariance(slopes[rows], residual[rows])
@@ -131,7 +131,7 @@ class ParametricFit(KernelFit):
         return self.intervals(0.95)
 
     def intervals(self, level: float) -> dict[str, tuple[float, float]]:
-        """Interval of each parameter at another level."""
+        """Return the interval of each parameter at a different level."""
         from scipy.special import stdtrit
 
         wanted = _LEVEL.check(level)
@@ -148,9 +148,9 @@ class ParametricFit(KernelFit):
 
     @cached_property
     def at_bound(self) -> bool:
-        """Whether the fit lies at an end of what is admissible, as an integral of nearly 1.
+        """True if the fit lies at a bound of the admissible range, such as an integral near 1.
 
-        It is then no smallest value between others, and intervals are those of `profile`.
+        It is then not a local minimum, and intervals are those of `profile`.
         """
         _, alpha, _, p = self.model.split(self.theta)
         ends = alpha.min() < LEAST_ALPHA + 1e-3 or alpha.max() > 1 - 1e-3
@@ -158,7 +158,7 @@ class ParametricFit(KernelFit):
 
     @cached_property
     def unconstrained(self) -> tuple[str, ...]:
-        """What the data do not constrain."""
+        """Parameters that the data do not determine."""
         loose = []
         for name, (low, high) in self.interval.items():
             if name.startswith("alpha"):
@@ -171,16 +171,16 @@ class ParametricFit(KernelFit):
 
     @cached_property
     def parameters(self) -> dict[str, float]:
-        """Parameters, NaN where not constrained."""
+        """Parameters, NaN for undetermined ones."""
         values = dict(zip(self.names, self.model.parameters(self.theta).tolist(), strict=True))
         return {k: math.nan if k in self.unconstrained else v for k, v in values.items()}
 
     @property
     def zener(self) -> tuple[dict[str, float], ...]:
-        """Each rabotnov part as a fractional Zener element.
+        """Return each rabotnov part as a fractional Zener element.
 
-        ``loss``: M_0 p, what it gives up of the modulus; ``tau`` (s) and ``alpha`` of
-        (i w tau)^alpha; a single part has ``relaxed`` too, the modulus left.
+        ``loss``: M_0 p, the relaxing part of the modulus; ``tau`` (s) and ``alpha`` of (i w
+        tau)^alpha. A single part also has ``relaxed``, the relaxed modulus.
         """
         modulus, alpha, tau, p = self.model.split(self.theta)
         rows = zip(self.model.parts, alpha.tolist(), tau.tolist(), p.tolist(), strict=True)
@@ -194,10 +194,10 @@ class ParametricFit(KernelFit):
         return tuple(found)
 
     def profile(self, name: str, *, level: float = 0.95) -> Profile:
-        """Hold a parameter beside its best value and fit the others anew, until the data object.
+        """Fix a parameter at values near its best value and fit the remaining parameters.
 
-        Unlike ``interval`` this does not take the sum of squares for a parabola. Its rise is told
-        in variances of the parameter, as ``covariance`` has them.
+        Unlike ``interval`` this does not assume a parabolic sum of squares. The rise is given in
+        variances of the parameter from ``covariance``.
         """
         from scipy.special import fdtri
 
@@ -263,14 +263,15 @@ class ParametricFit(KernelFit):
         return found, float(left @ left)
 
     def constraints(self) -> tuple[FloatArray, FloatArray]:
-        """What range constrains what.
+        """Return the range of the data that determines each parameter.
 
         Returns
         -------
         edges : ndarray, shape (m + 1,)
             Decades of circular frequency (rad/s), or of time (s).
+            Decades of circular frequency (rad/s), or of time (s).
         growth : ndarray, shape (m, k)
-            By what factor the standard error of each parameter, in the order of ``names``, would
+            Factor by which the standard error of each parameter, in the order of ``names``, would
             grow without the data of each decade.
         """
         _, _, slopes = self._problem
@@ -287,11 +288,11 @@ class ParametricFit(KernelFit):
         return 10.0**edges, np.array(growth)
 
     def samples(self, n: int, *, seed: int = 0) -> Iterator[Sample]:
-        """Kernels from the likelihood of the data, n of them.
+        """Return n kernels drawn from the likelihood of the data.
 
-        Where it is nearly normal over the unknowns, that distribution is resampled; where it is
-        not, as with a parameter at its bound or an interval over decades, by an ensemble of Markov
-        chains, which takes some seconds for 1000 kernels.
+        If it is nearly normal over the unknowns, this distribution is resampled. Otherwise, for
+        example with a parameter at its bound or an interval over decades, an ensemble of Markov
+        chains is used, which takes some seconds for 1000 kernels.
         """
         yield from self._sampled(_COUNT.check(n), _SEED.check(seed))[0]
 

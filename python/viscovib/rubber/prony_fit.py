@@ -1,4 +1,4 @@
-"""Prony series fitted to measurements: weights that are not negative on a grid of times."""
+"""Prony series fitted to measurements: non-negative weights on a grid of times."""
 
 import math
 import warnings
@@ -40,17 +40,17 @@ _GIVEN, _SAMPLES = 1e4, 200
 class PronyFit(KernelFit):
     """A Prony series; see `KernelFit`.
 
-    Its uncertainty is that of refits to data drawn around the fit with the scatter of the residuals
-    (parametric bootstrap), since weights at 0 have no normal distribution. That scatter is known as
-    well as the numbers beyond the terms that are not 0 tell it (Student's t); where there are none,
-    intervals are 0 to infinity, and there are no samples.
+    Its uncertainty comes from fits to data that are resampled with the scatter of the residuals
+    (parametric bootstrap), because weights at 0 have no normal distribution. The uncertainty of the
+    scatter itself follows from the number of data beyond the non-zero terms (Student's t). If there
+    are none, intervals are 0 to infinity, and there are no samples.
 
     Attributes
     ----------
     times, moduli : ndarray, shape (n,)
-        tau_j (s), descending, and M_j (Pa, N/m) of the terms that are not 0.
+        tau_j (s), descending, and M_j (Pa, N/m) of the non-zero terms.
     relaxed : float
-        M_e, what is left in the end.
+        M_e, the relaxed modulus.
 
     Examples
     --------
@@ -82,7 +82,7 @@ class PronyFit(KernelFit):
 
     @property
     def relaxed(self) -> float:
-        """What is left in the end."""
+        """Relaxed modulus."""
         return float(self.found[0])
 
     @property
@@ -134,12 +134,12 @@ class PronyFit(KernelFit):
 
     @cached_property
     def unconstrained(self) -> tuple[str, ...]:
-        """What the data do not constrain."""
+        """Parameters that the data do not determine."""
         return tuple(k for k, (low, high) in self.interval.items() if not high < 5 * low)
 
     @property
     def parameters(self) -> dict[str, float]:
-        """Parameters, NaN where not constrained."""
+        """Parameters, NaN for undetermined ones."""
         values = {"modulus": self.modulus, "relaxed": self.relaxed}
         return {k: math.nan if k in self.unconstrained else v for k, v in values.items()}
 
@@ -163,7 +163,7 @@ class PronyFit(KernelFit):
             yield _solve(self.measured, self.grid, size, drawn, self.smooth, self.given)
 
     def samples(self, n: int, *, seed: int = 0) -> Iterator[Sample]:
-        """Kernels as likely as the data make them, n of them: refits to data drawn anew."""
+        """Return n kernels from fits to resampled data."""
         yield from self._sampled(_COUNT.check(n), _SEED.check(seed))[0]
 
     def _sampled(self, n: int, seed: int) -> tuple[Iterator[Sample], float]:

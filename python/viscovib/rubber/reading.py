@@ -1,4 +1,4 @@
-"""Files of measured rubber: columns found by their names, numbers turned to SI units."""
+"""Files of measured rubber data: columns by name, converted to SI units."""
 
 import os
 from collections.abc import Callable, Mapping, Sequence
@@ -52,16 +52,16 @@ def read_dma(
     ----------
     path : path
         CSV (semicolons, tabs or commas between columns; decimal points or commas), or a spreadsheet
-        where pandas is installed. Columns are found by their names: frequency (``f``, ``freq``,
+        if pandas is installed. Columns are found by their names: frequency (``f``, ``freq``,
         ``omega``), two of storage, loss, magnitude and ``tan_delta`` (``E_stor``, ``G'``, ``E''``,
-        ``|E*|``, ``loss factor``), and if they are there temperature (``T``) and ``Set``. Units
-        stand in the line below or in the names: Hz or rad/s (1/s is rad/s of ``omega`` and angular
-        frequencies, Hz of ``f``), Pa to GPa, C or K.
+        ``|E*|``, ``loss factor``), optionally temperature (``T``) and ``Set``. Units are in the
+        line below or in the names: Hz or rad/s (1/s is rad/s for ``omega`` and angular frequencies,
+        Hz for ``f``), Pa to GPa, C or K.
     columns : mapping, optional
         {"frequency": "name in the file", ...} for other names: "frequency", "storage", "loss",
         "magnitude", "tangent", "angle", "temperature", "set".
     quantity : {"E", "G"}, optional
-        Must be given if the names do not tell it.
+        Required if the names do not contain it.
 
     Raises
     ------
@@ -155,7 +155,7 @@ def read_relaxation(
     """Read a modulus over time after a step of strain.
 
     As `read_dma`, with columns of time (``t``, ``time``; s, ms, min, h) and of the modulus
-    (``E_relax``, ``E(t)``, ``G``); ``ramp`` is the time that the strain took to rise (s).
+    (``E_relax``, ``E(t)``, ``G``); ``ramp`` is the duration of the increase of the strain (s).
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""Shift laws fitted to factors: Williams, Landel and Ferry's, Arrhenius's, the factors as such."""
+"""Shift laws fitted to factors: WLF, Arrhenius, or a table of the factors."""
 
 import warnings
 from dataclasses import dataclass
@@ -32,7 +32,7 @@ def bounded(name: str, value: npt.ArrayLike, kind: str = "") -> FloatArray:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ShiftTable(ShiftLaw):
-    """Measured shift factors, straight between temperatures and nowhere else.
+    """Measured shift factors, linear between temperatures and undefined outside.
 
     Parameters
     ----------
@@ -101,9 +101,9 @@ class ShiftFit(Value):
     misfit : float
         Root mean square of the residuals (decades).
     residuals : ndarray, shape (n,)
-        Factor less law at each temperature (decades).
+        Factor minus law at each temperature (decades).
     interval : dict
-        95 % interval of each parameter of the law, from the residuals and linearised.
+        95 % interval of each parameter of the law, linearized, from the residuals.
 
     Examples
     --------
@@ -139,12 +139,12 @@ def fit_shift_law(
         log10(a_T), 0 at the reference.
     law : {"wlf", "arrhenius"}
     reference : float
-        T_r (deg C), where the law is 1.
+        T_r (deg C), at which the factor is 1.
 
     Warns
     -----
     ConvergenceWarning
-        If the law misses factors by more than 0.1 decades (rms): it does not describe them.
+        If the residual exceeds 0.1 decades (rms).
 
     Examples
     --------

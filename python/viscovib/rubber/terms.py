@@ -1,4 +1,4 @@
-"""Prony terms for programs of finite elements."""
+"""Prony terms for finite-element programs."""
 
 import os
 from dataclasses import dataclass
@@ -28,7 +28,7 @@ _PROGRAMS = ("abaqus", "ansys", "ls-dyna")
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class PronyTerms(Value):
-    """A modulus as M_e + sum_j M_j exp(-t/tau_j), and how close it is.
+    """A modulus as M_e + sum_j M_j exp(-t/tau_j), with its error.
 
     Attributes
     ----------
@@ -37,11 +37,11 @@ class PronyTerms(Value):
     moduli, times : ndarray, shape (n,)
         M_j (Pa) and tau_j (s), ascending.
     t_min, t_max : float
-        The times between which it stands for the kernel (s); frequencies are their inverses.
+        Range of times in which the terms represent the kernel (s); frequencies are their inverses.
     error : float
         Largest relative error |M_terms - M|/|M| at frequencies 1/t_max to 1/t_min (rad/s).
     quantity : {"E", "G", "K"}
-        What M is: Young's modulus, the shear modulus, or a stiffness.
+        Kind of M: Young's modulus, the shear modulus, or a stiffness.
 
     Examples
     --------
@@ -63,20 +63,20 @@ class PronyTerms(Value):
 
     @property
     def modulus(self) -> float:
-        """M_0 of these terms (Pa); faster relaxation of the kernel is over already."""
+        """M_0 of these terms (Pa), after the faster relaxation of the kernel."""
         return self.relaxed + float(self.moduli.sum())
 
     @property
     def kernel(self) -> PronyKernel:
-        """The terms as a kernel, with ``modulus`` before it."""
+        """The terms as a kernel, with the instantaneous ``modulus``."""
         return PronyKernel(weights=self.moduli / self.times / self.modulus, rates=1 / self.times)
 
     def text(self, program: str, *, poisson: float = 0.49, density: float = 1000.0) -> str:
-        """Input of "abaqus", "ansys" or "ls-dyna" (units Pa, s, kg/m^3).
+        """Return input for "abaqus", "ansys" or "ls-dyna" (units Pa, s, kg/m^3).
 
-        Terms are those of shear; the bulk is elastic. Young's modulus of ``poisson`` close to 0.5
-        relaxes as the shear modulus does; at first it is 2 (1 + ``poisson``) times as large. A
-        stiffness (N/m) is no modulus, and is refused.
+        Terms are shear terms; the bulk modulus is elastic. Young's modulus with ``poisson`` close
+        to 0.5 relaxes as the shear modulus does; its instantaneous value is 2 (1 + ``poisson``)
+        times as large. A stiffness (N/m) is not a modulus and is refused.
         """
         _native.choice("program", program, _PROGRAMS)
         if self.quantity == "K":
@@ -185,7 +185,7 @@ def prony_terms(
     modulus: float | None = None,
     quantity: str | None = None,
 ) -> PronyTerms:
-    """Fewest Prony terms that stand for a modulus over a range, for other programs.
+    """Return the smallest number of Prony terms for a modulus over a range, for other programs.
 
     Parameters
     ----------
@@ -193,21 +193,21 @@ def prony_terms(
     t_min, t_max : float
         Times (s): the inverses of the highest and lowest circular frequencies of interest.
     tolerance : float
-        Largest relative error of the complex modulus there.
+        Largest relative error of the complex modulus in this range.
     modulus : float, optional
-        M_0 (Pa) of a kernel; a fit has its own.
+        M_0 (Pa) for a kernel; a fit contains it.
     quantity : {"E", "G", "K"}, optional
-        What the modulus of a kernel is, "E" if not given; a fit has its own.
+        Kind of the modulus for a kernel, default "E"; a fit contains it.
 
     Returns
     -------
     PronyTerms
-        With positive moduli; ``error`` says what was reached.
+        With positive moduli; ``error`` is the actual error.
 
     Raises
     ------
     InputError
-        If no density of terms up to 8 a decade meets the tolerance.
+        If no density of terms up to 8 per decade meets the tolerance.
 
     Examples
     --------
