@@ -10,6 +10,7 @@ import pytest
 import scipy.stats
 import viscovib as vv
 from rubber_examples import KERNELS, MODULUS, made, truth
+from viscovib.rubber.models import Model, ramped
 
 DATA = Path(__file__).parents[2] / "data" / "rubber"
 KINDS = ("rabotnov", "rzhanitsyn", "abel")
@@ -104,9 +105,6 @@ def test_relaxation_and_ramp(kind):
 @pytest.mark.filterwarnings("ignore::viscovib.ConvergenceWarning")
 def test_a_ramp_taken_as_a_step_is_told():
     true, late = KERNELS["rzhanitsyn"], np.geomspace(1e-3, 1e3, 50) + 1.0
-    from viscovib.rubber.models import Model
-from viscovib.rubber.models import ramped
-
     force = MODULUS * ramped(true, late, 1.0)
     with pytest.warns(vv.ConvergenceWarning, match="a ramp taken as a step"):
         fit = vv.fit_kernel(vv.RelaxationData(times=late, modulus=force), kind="rzhanitsyn")
@@ -123,8 +121,6 @@ def test_creep():
 
 
 def test_creep_by_inversion_in_many_digits():
-    from viscovib.rubber.models import Model
-
     model = Model(("rzhanitsyn",))
     theta = model.join(1.0, np.array([0.3]), np.array([20.0]), np.array([0.7]))
     p, a, tau = mp.mpf("0.7"), mp.mpf("0.3"), mp.mpf(20)
