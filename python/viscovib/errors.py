@@ -19,7 +19,7 @@ def one_line(text: str) -> str:
 
 
 class ViscovibError(Exception):
-    """Base of every error that viscovib raises on purpose: its text is one line."""
+    """Base class of all errors of viscovib; the text is one line."""
 
     def __str__(self) -> str:
         text = one_line(super().__str__())
@@ -35,7 +35,7 @@ class FileError(ViscovibError, OSError):
 
 
 class ConvergenceWarning(UserWarning):
-    """Some points of a result were not found; they hold NaN."""
+    """Some points of a result were not found (NaN), or the accuracy is lower than requested."""
 
 
 class StabilityWarning(UserWarning):
@@ -43,7 +43,7 @@ class StabilityWarning(UserWarning):
 
 
 class SweepError(ViscovibError):
-    """A point of a sweep failed: the message names its parameters, which ``point`` holds."""
+    """A point of a sweep failed: the message contains its parameters, also in ``point``."""
 
     def __init__(self, message: str, point: dict[str, Any] | None = None) -> None:
         super().__init__(message)
@@ -51,7 +51,7 @@ class SweepError(ViscovibError):
 
 
 class RangeWarning(UserWarning):
-    """A result lies outside the range in which its expansion, or its numbers, hold."""
+    """A result is outside the valid range of its expansion or of floating-point numbers."""
 
 
 def near_name(wrong: str, known: Iterable[str]) -> str:

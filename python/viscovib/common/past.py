@@ -1,4 +1,4 @@
-"""A motion known before it is computed."""
+"""A given motion before t = 0."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ _LARGEST_START = 1e30
 
 
 def check_start(state: npt.NDArray[np.float64]) -> None:
-    """Refuse a start, displacements and velocities in turn, beyond the range of motions."""
+    """Refuse initial displacements and velocities (alternating) beyond the range of motions."""
     largest = float(np.maximum.reduce(np.abs(state[::2]), initial=0.0))
     if largest > _LARGEST_START:
         raise InputError(
@@ -26,9 +26,9 @@ def check_start(state: npt.NDArray[np.float64]) -> None:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Past:
-    """Displacements before t = 0, which springs with memory remember.
+    """Displacements before t = 0, for springs with memory.
 
-    Straight lines between the times; before the first, the first displacements held for ever.
+    They are linear between the times. Before the first time the first displacements are constant.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""What a job computes, what it skips, and why."""
+"""Plan of a job: what it computes, what it skips, and why."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ _SKIP = re.compile(r"skips: (.*?) \((.*)\)")
 
 
 class Plan(Mapping[str, Any]):
-    """What a job computes, what it skips, and why.
+    """Plan of a job: what it computes, what it skips, and why.
 
-    Printed it is lines ``computes: ...`` and ``skips: ... (why)``; as a mapping it has
-    ``plan["computes"]``, a tuple of texts, and ``plan["skips"]``, a mapping from what is skipped to
-    the reason.
+    As text it has lines ``computes: ...`` and ``skips: ... (why)``. As a mapping it has
+    ``plan["computes"]``, a tuple of texts, and ``plan["skips"]``, a mapping from each skipped part
+    to the reason.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""A bar that shows how far a call is, or nothing: making even a silent one of tqdm takes time."""
+"""A progress bar, or no bar: even a silent bar of tqdm takes time."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ _PATIENCE, _LOOK = 0.5, 0.2
 
 
 class Bar(Protocol):
-    """What is told that so much more is done."""
+    """A counter of finished units."""
 
     def __enter__(self) -> Self:
         """Open it."""

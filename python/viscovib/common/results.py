@@ -1,4 +1,4 @@
-"""What all results have in common: they are printed, compared, pickled, drawn and saved."""
+"""Common parts of all results: print, compare, pickle, plot and save."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 
 class Number(NamedTuple):
-    """One of the few numbers that tell of a result, and its unit ("" if it has none)."""
+    """A number of a result with its unit ("" if it has none)."""
 
     value: Any
     unit: str = ""
@@ -32,7 +32,7 @@ class Number(NamedTuple):
 
 @dataclass(frozen=True)
 class Panel:
-    """A curve that tells of a result: one coordinate over frequency, parameter or time."""
+    """A curve of a result: one coordinate over frequency, parameter or time."""
 
     x: FloatArray
     y: FloatArray
@@ -46,7 +46,7 @@ class Panel:
 
 
 class Result(Value):
-    """Base of all results, which are values: frozen, compared field by field, pickled, copied.
+    """Base class of all results, which are values: frozen, comparable, picklable, copyable.
 
     Examples
     --------
@@ -86,15 +86,15 @@ class Result(Value):
         return self._scope()
 
     def summary(self) -> str:
-        """Say in a few lines what was found and how sure it is."""
+        """Return a few lines about the result and its accuracy."""
         return "\n".join([self._headline(), *self._details()])
 
     def numbers(self) -> dict[str, Number]:
-        """Return a few numbers, of one shape whatever the parameters: what a sweep keeps."""
+        """Return a few numbers, of one shape for any parameters: the summary for sweeps."""
         raise InputError(f"numbers: must be those of a response, branch or motion, not {self.kind}")
 
     def panels(self) -> list[Panel]:
-        """Return one curve a coordinate, for pictures that compare results."""
+        """Return one curve per coordinate, for plots that compare results."""
         raise InputError(f"panels: must be those of a response, branch or motion, not {self.kind}")
 
     def _base_frequencies(self) -> dict[str, float] | None:
@@ -106,11 +106,11 @@ class Result(Value):
         raise InputError("bench: this scene has nothing that can be timed")
 
     def plot(self, *args: Any, **options: Any) -> Any:
-        """Draw it by the function for results of this kind (`plot_response`, ...); return axes."""
+        """Plot the result by the function for its kind (`plot_response`, ...) and return axes."""
         return _pictures().plot(self, *args, **options)
 
     def to_dataset(self) -> xr.Dataset:
-        """Everything as an xarray Dataset."""
+        """Return all data as an xarray Dataset."""
         raise NotImplementedError
 
     def _table(self, coordinates: Sequence[str] | None) -> Table:
@@ -140,16 +140,16 @@ class Result(Value):
     def to_csv(
         self, path: str | os.PathLike[str], *, coordinates: Sequence[str] | None = None
     ) -> None:
-        """Write the table that the standalone driver writes.
+        """Write the table of the driver.
 
-        ``coordinates``: names of those wanted; all by default.
+        ``coordinates``: names of selected coordinates; by default all.
         """
         self._table(coordinates).write(path, str(getattr(self, "plan", "")))
 
     def to_netcdf(self, path: str | Path) -> None:
         """Write `to_dataset` into a netCDF file (version 3, by SciPy).
 
-        That format has no complex numbers: each array of them becomes two, NAME_re and NAME_im.
+        The format has no complex numbers: each complex array becomes two, NAME_re and NAME_im.
         """
         import xarray as xr
 

@@ -18,13 +18,12 @@ _HEIGHT, _PATIENCE = 900, 60.0
 class Explorer:
     """A page with sliders that is served until `stop`, or until Python ends.
 
-    A notebook shows it as a frame below the cell. Elsewhere open `address` in a browser.
+    In a notebook it is a frame below the cell. Otherwise open `address` in a browser.
 
     Attributes
     ----------
     address : str
-        Where the page is: on this machine alone, behind a token that no other user knows. Over ssh,
-        forward the port that it names.
+        Address of the page: on this machine only, with a secret token. Over ssh, forward its port.
 
     Examples
     --------
@@ -68,7 +67,7 @@ class Explorer:
         self._loop.start()
 
     def stop(self) -> None:
-        """End the server; the page stays as it is and follows no more."""
+        """End the server. The page remains visible and no longer updates."""
         if self._server is not None:
             self._loop.add_callback(self._server.stop)
             self._loop.add_callback(self._loop.stop)
@@ -96,14 +95,14 @@ def explore(
     ----------
     scene : Scene or path
     keys : sequence of str, optional
-        Numbers that get a slider, such as "mount.stiffness_x"; by default all, 40 at most.
+        Numbers with a slider, such as "mount.stiffness_x"; by default all, at most 40.
     port : int
-        Port of the server on this machine; 0: any that is free.
+        Port of the server on this machine; 0: any free port.
 
     Returns
     -------
     Explorer
-        Shown as a frame in a notebook; its ``address`` opens in any browser of this machine.
+        A frame in a notebook; open its ``address`` in any browser of this machine.
 
     Raises
     ------

@@ -38,36 +38,37 @@ def animate(
     frames: int | None = None,
     fps: float = 30.0,
 ) -> FuncAnimation:
-    """Show a motion as a moving picture: the body, and its coordinates over time.
+    """Animate a motion: the body, and its coordinates over time.
 
-    A mount is a block on its spring, a pendulum hangs on its spring; of other systems every
-    coordinate has a row. Motions too small to be seen are drawn larger, which the title says.
+    A mount is a block on its spring, a pendulum hangs on its spring. For other systems every
+    coordinate has a row. Very small motions are drawn enlarged; the title states the factor.
 
     Parameters
     ----------
     motion : Trajectory, Response, Branch, Backbone, DrivenResponse or DrivenBranch
-        A motion in time, or a row of periodic motions of which one is shown.
+        A motion in time, or a set of periodic motions of which one is shown.
     path : path, optional
-        Where to write it: ``.gif``, ``.html`` (plays by itself, needs nothing) or ``.mp4`` (needs
-        the program ffmpeg). None: not written.
+        File to write: ``.gif``, ``.html`` (with buttons, self-contained) or ``.mp4`` (requires the
+        program ffmpeg). None: not written.
     point : int, optional
-        Which of a row of motions; by default the one whose first coordinate is largest.
+        Index of one of several motions; by default the one with the largest first coordinate.
     system : Mount or Pendulum, optional
-        Gives lengths to draw where the result does not know its system.
+        For lengths if the result does not contain its system.
     frames : int, optional
-        Pictures: by default 60 a period, or up to 400 of the last states of a motion in time.
+        Number of pictures: by default 60 per period, or up to 400 of the last states of a motion in
+        time.
     fps : float
         Pictures per second, 0.001 to 200.
 
     Returns
     -------
     matplotlib.animation.FuncAnimation
-        A notebook shows it by ``HTML(animation.to_jshtml())``.
+        In a notebook use ``HTML(animation.to_jshtml())``.
 
     Raises
     ------
     InputError
-        If there is no such motion, or the file cannot be of this kind.
+        If the motion does not exist or the file type is not supported.
 
     Examples
     --------

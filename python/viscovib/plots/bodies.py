@@ -34,16 +34,16 @@ def plot_body(
 ) -> Axes:
     """Draw a body and its mounts in space, at rest and in a mode.
 
-    The body is drawn as the box of equal mass and inertia, mounts by their three axes, each as
-    long as its stiffness.
+    The body is drawn as the box of equal mass and inertia, each mount by three axes with lengths
+    proportional to the stiffness.
 
     Parameters
     ----------
     body : Body
     ax : Axes, optional
-        Three-dimensional axes; None makes a figure.
+        Three-dimensional axes; None creates a figure.
     mode : int, optional
-        A mode to draw over it, from 1; its largest displacement is a quarter of the picture.
+        A mode to draw, from 1; its largest displacement is a quarter of the picture.
     torque_about : "x", "y", "z" or array_like, shape (3,), optional
         Draw the torque-roll axis of a torque about this axis.
 
@@ -100,13 +100,13 @@ def plot_body(
 
 
 def plot_energy(modes: BodyModes, ax: Axes | None = None) -> Axes:
-    """Draw kinetic energies of modes as a table of shades with numbers.
+    """Draw kinetic energies of modes as a shaded table with numbers.
 
     Parameters
     ----------
     modes : BodyModes
     ax : Axes, optional
-        Where to draw; None makes a figure.
+        Axes of the plot; None creates a figure.
 
     Returns
     -------
@@ -150,19 +150,19 @@ def plot_transmissibility(
     axis: str = "z",
     point: npt.ArrayLike | None = None,
 ) -> Axes:
-    """Draw how much of a motion of the floor reaches the body, in dB over Hz.
+    """Draw the transmissibility from the floor to the body, in dB over Hz.
 
     Parameters
     ----------
     body : Body
     ax : Axes, optional
-        Where to draw; None makes a figure.
+        Axes of the plot; None creates a figure.
     hz : array_like, optional
         Frequencies (Hz); by default from a third of the lowest mode to four times the highest.
     axis : "x", "y" or "z"
-        Direction in which the floor moves.
+        Direction of the floor's motion.
     point : array_like, shape (3,), optional
-        Where on the body (m); None: the centre of mass.
+        Point of the body (m); None: the mass centre.
 
     Returns
     -------

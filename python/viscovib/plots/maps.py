@@ -36,20 +36,20 @@ def plot_map(
 ) -> Axes:
     """Draw a quantity over its parameters: a curve over one, a map over two.
 
-    Whole numbers of a few values, as the attractors of a basin, get a colour each; points without
-    a value stay grey.
+    Integers with few values, such as attractors, get one colour each. Points without a value are
+    grey.
 
     Parameters
     ----------
     data : Dataset or DataArray
-        As `sweep` gives them, over one or two parameters; ``sel`` or ``isel`` takes others away.
+        From `sweep`, over one or two parameters; remove others with ``sel`` or ``isel``.
     name : str, optional
-        The variable of a Dataset; may be left out if there is only one.
+        The variable of a Dataset; optional for a single variable.
     ax : Axes, optional
     log : bool
-        Logarithmic sizes.
+        Logarithmic values.
     label : str, optional
-        What the quantity is called; its name and units otherwise.
+        Label of the quantity; default: its name and units.
 
     Examples
     --------

@@ -45,9 +45,9 @@ def plot_trajectory(
     ----------
     trajectory : Trajectory, SteadyMotion or sequence of them
     ax : sequence of Axes, optional
-        Where to draw: two a coordinate, history and phase plane; None makes a figure.
+        Two axes per coordinate, history and phase plane; None creates a figure.
     labels : sequence of str, optional
-        A legend entry a motion.
+        A legend entry per motion.
 
     Returns
     -------
@@ -147,20 +147,20 @@ def plot_spectrum(
     y: str = "log",
     reference: float = 1.0,
 ) -> Axes:
-    """Draw amplitude against circular frequency, a curve a signal.
+    """Draw amplitude against circular frequency, one curve per signal.
 
     Parameters
     ----------
     spectrum : Spectrum
     ax : Axes, optional
     bases : mapping of name to frequency, optional
-        The largest peaks are named as combinations of these, within a bin.
+        The largest peaks are labelled as combinations of these, within a bin.
     highest : float, optional
-        Highest circular frequency shown.
+        Highest circular frequency of the plot.
     x : {"rad/s", "hz"}
         "hz": frequencies in Hz, for signals sampled in seconds.
     y : {"log", "linear", "db"}
-        Amplitudes over a logarithmic or linear axis, or in decibels.
+        Logarithmic or linear amplitudes, or decibels.
     reference : float
         Amplitude of 0 dB.
 

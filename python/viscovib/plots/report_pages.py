@@ -62,28 +62,28 @@ def report(
     axis: str = "z",
     torque_about: str | npt.ArrayLike | None = None,
 ) -> None:
-    """Write data, modes, energies, sag, transmissibility and mount forces as a page.
+    """Write data, modes, energies, static deflection, transmissibility and mount forces as a page.
 
     Parameters
     ----------
     body : Body
     path : str or path
-        A file that ends in ``.html`` (one file, pictures inside) or ``.pdf``.
+        A file with the ending ``.html`` (one file with its pictures) or ``.pdf``.
     title : str
     load : array_like, shape (n,), optional
-        Amplitudes of a harmonic load (`Body.load`), for the forces at the mounts, linear; None:
-        1 N along ``axis``.
+        Amplitudes of a harmonic load (`Body.load`), for the mount forces, linear; None: 1 N along
+        ``axis``.
     hz : array_like, optional
         Frequencies (Hz); by default from a third of the lowest mode to four times the highest.
     axis : "x", "y" or "z"
-        Direction in which the floor moves, for the transmissibility.
+        Direction of the floor's motion, for the transmissibility.
     torque_about : "x", "y", "z" or array_like, shape (3,), optional
         Axis of the torque, for the torque-roll axis.
 
     Raises
     ------
     InputError
-        If the file has another ending, or the position at rest is unstable.
+        If the file has a different ending, or if the static equilibrium is unstable.
 
     Examples
     --------

@@ -33,7 +33,7 @@ def plot_modulus(data: ModulusData, ax: "Axes | Sequence[Axes] | None" = None) -
     data : ModulusData
         Sets are coloured from cold to warm.
     ax : two Axes, optional
-        Where to draw; None makes a figure.
+        Axes of the plot; None creates a figure.
 
     Returns
     -------
@@ -63,7 +63,7 @@ def plot_modulus(data: ModulusData, ax: "Axes | Sequence[Axes] | None" = None) -
 
 
 def plot_cole_cole(data: ModulusData, ax: "Axes | None" = None) -> "Axes":
-    """Draw loss over storage (Cole and Cole): one material at all temperatures is one arc.
+    """Draw loss over storage (Cole-Cole plot): one arc for a material at all temperatures.
 
     Examples
     --------
@@ -74,7 +74,7 @@ def plot_cole_cole(data: ModulusData, ax: "Axes | None" = None) -> "Axes":
 
 
 def plot_van_gurp(data: ModulusData, ax: "Axes | None" = None) -> "Axes":
-    """Draw the loss angle over |M*| (van Gurp and Palmen): sets that superpose are one curve.
+    """Draw the loss angle over |M*| (van Gurp-Palmen plot): one curve for sets that superpose.
 
     Examples
     --------
@@ -162,17 +162,18 @@ def plot_nomogram(
 ) -> "Axes":
     """Draw the reduced-frequency nomogram (Jones, 1978).
 
-    The moduli over reduced frequency, and on the right the frequency itself: a horizontal line from
-    a frequency meets the slanted line of a temperature above the reduced frequency.
+    The moduli are drawn over reduced frequency, with the frequency on the right axis: a horizontal
+    line from a frequency meets the inclined line of a temperature above the reduced frequency.
 
     Parameters
     ----------
     master : MasterCurve
         Of storage and loss.
     temperatures : array_like, optional
-        Of the slanted lines (deg C), within those measured; those of the sets if not given.
+        Temperatures of the inclined lines (deg C), within the measured range; default: those of the
+        sets.
     ax : Axes, optional
-        Where to draw; None makes a figure.
+        Axes of the plot; None creates a figure.
 
     Examples
     --------

@@ -44,9 +44,9 @@ def plot_scales_response(
     y: str = "linear",
     reference: float = 1.0,
 ) -> Sequence[Axes]:
-    """Draw the steady motions, one panel a coordinate: amplitude of the load's frequency.
+    """Draw the steady motions, one panel per coordinate: amplitude of the load's frequency.
 
-    Stable motions are solid, unstable ones dashed; those outside the range of the expansion are
+    Stable motions are solid, unstable ones dashed. Motions outside the range of the expansion are
     left out, and single motions between them. ``dofs`` are the coordinates, by default those that
     move; ``x``, ``y`` and ``reference`` are those of `plot_response`.
 
@@ -141,10 +141,10 @@ def plot_modulation(
     exact: Trajectory | None = None,
     ax: Axes | Sequence[Axes] | None = None,
 ) -> Sequence[Axes]:
-    """Draw a motion and the envelope of its modes, one panel a coordinate.
+    """Draw a motion and the envelope of its modes, one panel per coordinate.
 
-    ``exact`` is the same motion by direct integration, drawn below it. The envelope adds up what
-    the modes' amplitudes make of the coordinate at most.
+    ``exact`` is the same motion by direct integration, drawn below it. The envelope is the largest
+    sum of the modes' amplitudes in the coordinate.
 
     Examples
     --------

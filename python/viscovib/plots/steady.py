@@ -53,30 +53,29 @@ def plot_response(
     y: str = "log",
     reference: float = 1.0,
 ) -> Sequence[Axes]:
-    """Draw amplitude against frequency, one panel a coordinate.
+    """Draw amplitude against frequency, one panel per coordinate.
 
     Parameters
     ----------
     response : Response or DrivenResponse, or sequence of them
-        Curves; gaps show where no solution was found, and where the response jumps to another
-        branch. Where stability is known unstable motions are dashed.
+        Curves; gaps show missing solutions and jumps to a second branch. Unstable motions are
+        dashed if stability is known.
     ax : Axes or sequence of Axes, optional
-        Where to draw: as many as there are coordinates. None makes a figure with a panel for each
-        coordinate that moves.
+        One per coordinate. None creates a figure with a panel for each coordinate that moves.
     labels : sequence of str, optional
-        A legend entry a curve.
+        A legend entry per curve.
     harmonic : int, or tuple for several base frequencies
-        Order to draw.
+        Harmonic to draw.
     x : {"rad/s", "hz"}
         Unit of frequencies that are in rad/s.
     y : {"log", "linear", "db", "phase"}
-        Amplitudes over a logarithmic or linear axis, in decibels, or phases in degrees.
+        Logarithmic or linear amplitudes, decibels, or phases in degrees.
     reference : float
-        Amplitude of 0 dB: that of a moving base gives its transmissibility.
+        Amplitude of 0 dB; with that of a moving base the plot shows its transmissibility.
 
     Returns
     -------
-    sequence of Axes, one a coordinate.
+    sequence of Axes, one per coordinate.
 
     Examples
     --------
@@ -170,12 +169,12 @@ def plot_branch(
     y: str = "linear",
     reference: float = 1.0,
 ) -> Sequence[Axes]:
-    """Draw amplitude along a branch, one panel a coordinate.
+    """Draw amplitude along a branch, one panel per coordinate.
 
-    Stable parts are solid, unstable ones lighter, thinner and dashed; where stability is unknown
-    the line is grey and dotted. Folds, branch points and other changes of stability are marked.
-    ``harmonic`` may be a mapping from coordinates; ``x``, ``y`` and ``reference`` are those of
-    `plot_response`. Without ``ax``, coordinates that do not move have no panel.
+    Stable parts are solid, unstable ones lighter, thinner and dashed, unknown stability grey and
+    dotted. Folds, branch points and other bifurcation points are marked. ``harmonic`` may be a
+    mapping from coordinates; ``x``, ``y`` and ``reference`` are those of `plot_response`. Without
+    ``ax``, coordinates that do not move have no panel.
 
     Examples
     --------
@@ -230,18 +229,18 @@ def plot_branch(
 def plot_motion_branch(
     branch: MotionBranch, ax: Axes | Sequence[Axes] | None = None, *, x: str = "rad/s"
 ) -> Sequence[Axes]:
-    """Draw the largest displacement along a branch of motions in time, one panel a coordinate.
+    """Draw the largest displacement along a branch of motions in time, one panel per coordinate.
 
-    Lines are those of `plot_branch`. Folds, branch points, period doublings, Neimark-Sacker points
-    and grazing are marked. Without ``ax``, coordinates that do not move have no panel.
+    Line styles are those of `plot_branch`. Folds, branch points, period doublings, Neimark-Sacker
+    points and grazing are marked. Without ``ax``, coordinates that do not move have no panel.
 
     Parameters
     ----------
     branch : MotionBranch
     ax : Axes or sequence of them, optional
-        One a coordinate; None makes a figure.
+        One per coordinate; None creates a figure.
     x : {"rad/s", "hz"}
-        Unit of the frequency, where that varies.
+        Unit of the frequency, if it varies.
 
     Returns
     -------
@@ -335,11 +334,11 @@ def plot_backbone(
     y: str = "linear",
     reference: float = 1.0,
 ) -> Sequence[Axes]:
-    """Draw amplitude against frequency of free motions, one panel a coordinate.
+    """Draw amplitude against frequency of free motions, one panel per coordinate.
 
-    Motions known to be unstable are dotted, branch points are marked. ``harmonic`` may be a mapping
-    from coordinates; ``x``, ``y`` and ``reference`` are those of `plot_response`. Axes of
-    `plot_response` or `plot_branch` may be given, so that the curves lie together.
+    Unstable motions are dotted, branch points are marked. ``harmonic`` may be a mapping from
+    coordinates; ``x``, ``y`` and ``reference`` are those of `plot_response`. Pass axes of
+    `plot_response` or `plot_branch` to draw the curves together.
 
     Examples
     --------

@@ -45,12 +45,13 @@ _SUBJECTS = (
 
 @dataclass(frozen=True, eq=False)
 class SceneResult:
-    """What a scene gave.
+    """The result of a scene.
 
-    Response or branch of a mount; motion of a pendulum and its spectra, or a branch of its motions
-    and those that leave it, ``switched``; free motions (of a pendulum with families that leave
-    them) or steady motions of either; a table of a sweep. Of a structure or a body a table:
-    `Scene.structure` and `Scene.body` give these themselves, for all else that Python does.
+    It contains the response or branch of a mount; the motion of a pendulum with its spectra, or a
+    branch of its motions with the branches that bifurcate from it, ``switched``; free motions (for
+    a pendulum with further branches) or steady motions of either; or the table of a sweep. For a
+    structure or a body it contains a table: use `Scene.structure` and `Scene.body` for all other
+    functions of Python.
 
     Examples
     --------
@@ -88,18 +89,18 @@ class SceneResult:
 
     @property
     def kind(self) -> str:
-        """As in the names of tables: "response", "branch", "transient", ..."""
+        """Kind as in the names of tables: "response", "branch", "transient", ..."""
         return "sweep" if self._result is None else self._result.kind
 
     @property
     def plan(self) -> Plan:
-        """What was computed, what was skipped and why."""
+        """What was computed, and what was skipped and why."""
         return plan(self.scene)
 
     def to_csv(self, path: str | os.PathLike[str], which: int = 0) -> None:
-        """Write the table, of the coordinates that the scene wants: that of the standalone driver.
+        """Write the table of the driver, with the selected coordinates.
 
-        ``which``: 0 the result itself, 1, 2, ... those that leave it, as in ``switched``.
+        ``which``: 0 is the result itself; 1, 2, ... are the further branches in ``switched``.
         """
         place = _native.integer("which", which, 0, len(self.switched))
         value = self._single("to_csv: is for single results, a sweep has points")
@@ -112,7 +113,7 @@ class SceneResult:
         self._write(self.spectrum, path)
 
     def events_to_csv(self, path: str | os.PathLike[str]) -> None:
-        """Write the table of events: of each passage the event, from 1, the time and the state."""
+        """Write the table of events: for each event its number, from 1, the time and the state."""
         if self.events is None:
             raise InputError("events_to_csv: this scene has no &event")
         self._write(self.events, path)
@@ -270,7 +271,7 @@ def _spectrum(scene: Scene, run: Trajectory) -> Spectrum | None:
 
 
 def plan(scene: Scene | str | os.PathLike[str]) -> Plan:
-    """Say what a scene will compute and what is skipped, with the reasons.
+    """Return what a scene computes and what is skipped, with the reasons.
 
     Examples
     --------

@@ -69,7 +69,7 @@ _DRIVEN = (
 
 @dataclass(frozen=True, eq=False)
 class Scene:
-    """A scene as it was understood.
+    """A scene that was read and checked.
 
     Attributes
     ----------
@@ -77,7 +77,7 @@ class Scene:
         The file.
     title : str
     groups : mapping
-        Every group with every default: {"mount": {...}, "kernel": [...], "load": [...], ...} or
+        Every group with all defaults: {"mount": {...}, "kernel": [...], "load": [...], ...} or
         {"pendulum": {...}, "transient": {...}, ...}.
     canonical : str
         The same as namelist text.
@@ -98,13 +98,13 @@ class Scene:
     def read(cls, path: str | os.PathLike[str], *, allow_paths: bool = False) -> Scene:
         """Read and check a scene file.
 
-        Files that it names, such as the table of a kernel, must be in its folder or below it,
-        links followed; ``allow_paths`` lifts this, for scenes of one's own.
+        Files in the scene, such as the table of a kernel, must be in its folder or below it, after
+        following links. ``allow_paths`` removes this restriction, for your own scenes.
 
         Raises
         ------
         InputError
-            One line ``file:line: what is wrong, what is allowed``.
+            One line ``file:line: error, allowed values``.
         FileError
             If the file cannot be read.
         """
@@ -123,11 +123,11 @@ class Scene:
         )
 
     def override(self, values: Mapping[str, Any]) -> Scene:
-        """Return the scene with keys changed, checked as a file is.
+        """Return the scene with changed keys, checked like a file.
 
-        Keys are named as ``{"mount.stiffness_x": 12}``; one of several groups of a name
-        ``"load(2).amplitude"``, one entry of a list ``"transient.initial(3)"``, counted from 1.
-        Groups &sweep are left out.
+        Keys are ``{"mount.stiffness_x": 12}``; for one of several groups ``"load(2).amplitude"``,
+        for one entry of a list ``"transient.initial(3)"``, counted from 1. Groups &sweep are left
+        out.
         """
         _native.mapping("values", values)
         groups: Mapping[str, Any] = {**self.groups, "sweep": []}
@@ -146,7 +146,7 @@ class Scene:
 
     @property
     def is_pendulum(self) -> bool:
-        """Whether the system is a pendulum."""
+        """True if the system is a pendulum."""
         return "pendulum" in self.groups
 
     def pendulum(self) -> Pendulum:
@@ -199,10 +199,10 @@ class Scene:
         )
 
     def structure(self) -> Structure:
-        """Build the structure, with its elements.
+        """Build the structure with its elements.
 
-        A scene with ``shapes`` (a reduced structure, as `Structure.write` writes it) has them in
-        terms of its modes, "q1", "q2", ...: its named coordinates are ``shapes`` times these.
+        A scene with ``shapes`` (a reduced structure, written by `Structure.write`) has the modal
+        coordinates "q1", "q2", ...: its named coordinates are ``shapes`` times these.
         """
         given = self._group("structure")
         names, shapes = self._names(), self._shapes()
@@ -281,7 +281,7 @@ class Scene:
         return Mount(**given, kernel=kernels.get("x"), kernel_phi=kernels.get("phi", False))
 
     def loads(self) -> dict[str, dict[int, Any]]:
-        """Fourier series of force and base motion, as `forced_response` takes them."""
+        """Fourier series of force and base motion, for `forced_response`."""
         force: dict[int, Any] = {}
         base: dict[int, Any] = {}
         # Of coordinates that the base moves on their own.
@@ -331,7 +331,7 @@ class Scene:
         )
 
     def sweep_grid(self) -> dict[str, FloatArray]:
-        """Values of each parameter that a &sweep group names."""
+        """Values of each parameter of the &sweep groups."""
         grid = {}
         for group in self.groups["sweep"]:
             if "values" in group:
@@ -385,7 +385,7 @@ class Scene:
         }
 
     def events(self) -> list[Event]:
-        """Build the events that a motion in time looks for."""
+        """Build the events of a motion in time."""
         return [
             Event(
                 with_numbers(group, self._parameters)["function"].lower(),

@@ -27,18 +27,18 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class TableResult(Result):
-    """What a scene gave, as columns.
+    """The result of a scene as columns.
 
     Attributes
     ----------
     kind : str
-        Name of the group that asked for it, such as "modes".
+        Name of the group, such as "modes".
     columns : dict
-        Arrays by their names, shape (n,), the first one what the others are drawn over.
+        Arrays by name, shape (n,); the first one is the abscissa of plots.
     notes : tuple of str
-        What the columns are, with units.
+        Descriptions of the columns, with units.
     plan : Plan
-        What was computed, what was skipped and why.
+        What was computed, and what was skipped and why.
 
     Examples
     --------
@@ -75,16 +75,16 @@ class TableResult(Result):
         return {name: v for name, v in self.columns.items() if v.dtype.kind in "if"}
 
     def numbers(self) -> dict[str, Number]:
-        """Every column, in its first row."""
+        """Return every column in its first row."""
         return {name: Number(values[0]) for name, values in self._of_numbers().items()}
 
     def panels(self) -> list[Panel]:
-        """Each column over the first."""
+        """Return each column over the first one."""
         (first, x), *others = self._of_numbers().items()
         return [Panel(x, values, first, name, "1") for name, values in others]
 
     def to_dataset(self) -> xr.Dataset:
-        """Columns as an xarray Dataset over the rows."""
+        """Return the columns as an xarray Dataset over the rows."""
         import xarray as xr
 
         return xr.Dataset(

@@ -13,7 +13,7 @@ _PROGRESS = Flag("progress")
 
 
 def run(scene: Scene | str | os.PathLike[str], *, progress: bool = False) -> SceneResult:
-    """Compute what a scene asks for; with &sweep groups, at every point of their grid.
+    """Compute a scene; with &sweep groups at every point of their grid.
 
     Examples
     --------

@@ -68,58 +68,59 @@ def sweep(
     Parameters
     ----------
     function_or_scene : callable, Scene or path
-        A function of keyword arguments named as in the grid. It returns a number, a word, an
-        array, a dict of them, a Dataset, or what has ``to_dataset``; of one shape at all points.
-        Or a scene, run with keys overridden.
+        A function with keyword arguments named as in the grid. It returns a number, a word, an
+        array, a dict of them, a Dataset, or an object with ``to_dataset``, of one shape at all
+        points. Or a scene, run with changed keys.
     grid : mapping of str to array_like, shape (n,)
-        Values of each parameter, numbers or words; the grid is their product. For a scene the
-        names are keys in their groups, as "mount.stiffness_x"; one of a repeated group is
-        "load(2).amplitude", one of a list "transient.initial(3)", counted from 1. None: what the
-        &sweep groups of the scene say.
+        Values of each parameter, numbers or words; the grid is their product. For a scene the names
+        are keys in their groups, such as "mount.stiffness_x"; for one of several groups
+        "load(2).amplitude", for one entry of a list "transient.initial(3)", counted from 1. None:
+        the &sweep groups of the scene.
     client : dask.distributed.Client, optional
         Compute on its cluster instead of in threads.
     checkpoint : path, optional
-        A folder for the results (Zarr, format 3), written chunk by chunk. If it holds chunks of
-        the same sweep these are not computed again. The Dataset returned then reads from it.
+        A folder for the results (Zarr, format 3), written chunk by chunk. Existing chunks of the
+        same sweep are not computed again. The returned Dataset reads from it.
     progress : bool
         Show a progress bar.
     errors : {"raise", "keep"}
-        What a point that fails does: "raise" ends the sweep with a `SweepError` that names the
-        point; "keep" goes on, with NaN (words: "") there. Then ``point_outcome`` says of each
-        point "completed", "failed" or "lost" (with its worker), and ``point_error`` why.
+        Treatment of a point that fails: "raise" ends the sweep with a `SweepError` that names the
+        point; "keep" continues with NaN (words: ""). Then ``point_outcome`` is "completed",
+        "failed" or "lost" (with its worker) for each point, and ``point_error`` contains the
+        reason.
     extract : "all", "summary" or callable
-        For a scene: what is kept of each result. "all": its ``to_dataset``; "summary": a few
+        For a scene: the part of each result to keep. "all": its ``to_dataset``; "summary": a few
         numbers (`viscovib.sweeps.scenes.summary`); or a function of the SceneResult.
     vectorized : bool
-        The function takes arrays, one entry a point, and returns arrays with the points first:
-        for `simulate_ensemble`, which computes thousands at once.
+        The function accepts arrays, one entry per point, and returns arrays with the points first:
+        for `simulate_ensemble`, which computes thousands together.
     chunk : int or "auto"
-        Points computed, written and lost together. "auto": half a second of them, judged by the
-        first point; a vectorized function gets up to 4096. A checkpoint keeps its own.
+        Points that are computed and written together. "auto": half a second of work, estimated from
+        the first point; a vectorized function gets up to 4096. A checkpoint keeps its own value.
     n_threads : int, optional
-        Default: as many as there are processors.
+        Default: the number of processors.
     retries : int
-        How often a chunk is tried again whose Dask worker died (each time Dask itself moves it on
-        as its setting ``allowed-failures`` says).
+        How often a chunk is repeated whose Dask worker failed (Dask's setting ``allowed-failures``
+        applies each time).
 
     Returns
     -------
     xarray.Dataset
-        Over the grid; integers and truth values as floats, so that any may be NaN.
+        Over the grid; integers and booleans as floats, so that each may be NaN.
 
     Raises
     ------
     SweepError
-        A point failed.
+        If a point failed.
     InputError
-        Wrong arguments; or the checkpoint is that of another function, scene or grid.
+        For wrong arguments, or a checkpoint of a different function, scene or grid.
 
     Notes
     -----
-    Ctrl-C stops at once; chunks that are finished are in the checkpoint. A point under way in a
-    thread then ends unseen in the background. Memory holds a few chunks at a time (without a
-    checkpoint: and the result). Warnings about convergence and stability are left out: results
-    tell their outcomes.
+    Ctrl-C stops immediately; finished chunks are in the checkpoint. A point that is being computed
+    in a thread then ends in the background. The memory contains a few chunks at a time, and without
+    a checkpoint the result. Warnings about convergence and stability are omitted: see the outcomes
+    in the results.
 
     Examples
     --------
