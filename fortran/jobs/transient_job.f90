@@ -280,7 +280,7 @@ contains
     if (fine%outcome == run_event) then
       call fail(status, status_input_error, 'tolerance', told(job)//': not met: roundings leave ' &
                 //'an error of '//show(growth%told)//' of the event that ends the run at t = ' &
-                //show(fine%t_reached)//': it is beside grazing, or the motion is chaotic or ' &
+                //show(fine%t_reached)//': it is close to grazing, or the motion is chaotic or ' &
                 //'unstable, take a larger tolerance')
       return
     end if

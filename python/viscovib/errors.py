@@ -71,7 +71,7 @@ def no_attribute(name: str, known: Iterable[str]) -> AttributeError:
 
 
 def named_near(module: ModuleType, name: str) -> Any:
-    """Return a public name of a module; a misspelt keyword of its call is told the one meant."""
+    """Return a public name of a module. A misspelt keyword of its call names the nearest one."""
     value = getattr(module, name)
     if isinstance(value, FunctionType):
         value = _naming_near(value)

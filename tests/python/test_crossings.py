@@ -147,7 +147,7 @@ def test_exponents_that_turn_fast_have_a_place_too():
 def test_places_of_truncated_motions_are_told_as_such():
     """They are exact for the harmonics kept, and off by the truncation for the whole motion."""
     system = vv.PolynomialSystem(mass=1, stiffness=1, damping=0.05, forces="x^3")
-    with pytest.warns(vv.ConvergenceWarning, match="2 of 2 crossings beside these are those of"):
+    with pytest.warns(vv.ConvergenceWarning, match="2 of 2 crossings next to these are those of"):
         few = vv.trace_response(system, (1.2, 3), load=0.4, harmonics=3)
     whole = vv.trace_response(system, (1.2, 3), load=0.4, harmonics=31)
     places = [np.array([c.parameter for c in b.crossings]) for b in (few, whole)]

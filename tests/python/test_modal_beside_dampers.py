@@ -105,7 +105,7 @@ def test_reduced_structures_damp_each_mode_once(case):
 def test_what_has_no_modes_to_damp_is_told():
     chain = {"mass": [1, 2], "elements": [vv.Spring(on="x1", damping=0.1, law="d^3")]}
     for text, options in (
-        ("loss_factor: .* must be 0 beside others", {"loss_factor": 0.1}),
+        ("loss_factor: .* must be 0 with other dampers", {"loss_factor": 0.1}),
         ("modal_damping: needs a symmetric stiffness", {"modal_damping": 0.1}),
     ):
         off = -1 if "loss_factor" in options else -0.5

@@ -267,7 +267,7 @@ def test_refused():
         mass=[[1.0]], stiffness=[[1.0]],
         elements=[vv.Jenkins(on="x1", stiffness=1.0, limit=0.1)],
     )  # fmt: skip
-    with pytest.raises(vv.InputError, match="elements that know what was"):
+    with pytest.raises(vv.InputError, match="hysteresis elements"):
         vv.steady_motion(joint, 1.0, load=1.0)
     held = vv.PolynomialSystem(mass=1, stiffness=1, forces="sign(x_dot)")
     with pytest.raises(vv.InputError, match="cannot be followed: others are next to it"):

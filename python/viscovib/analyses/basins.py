@@ -35,9 +35,9 @@ _MOST_COORDINATES = 64
 _FEW, _LONG = 6, 1e4
 #: Motions by which the step is found and how large motions are; how exact they are for the step.
 _PROBES, _PROBED = 16, 1e-6
-#: Motions beside an orbit, with it, by which an attractor is told from a saddle.
+#: An orbit and its perturbed motions, which distinguish an attractor from a saddle.
 _DISTURBED = 7
-#: What is left of a disturbance beside an attractor at most; how little a rest moves, of the scale.
+#: Largest remaining part of a perturbation of an attractor; largest motion of a rest, of the scale.
 _NEARER, _STANDS = 0.5, 1e-12
 
 
@@ -318,7 +318,7 @@ def _stable(
     call: Mapping[str, Any],
     starts: FloatArray | None,
 ) -> tuple[npt.NDArray[np.bool_], FloatArray]:
-    """Which motions that repeat attract, and the part that is left of a disturbance beside each.
+    """Which periodic motions attract, and the remaining part of a perturbation of each.
 
     The core's rules (``fortran/transient/basin_rules.f90``) tell it by motions as long again as the
     run was. Where a state on the orbit is more than its numbers, what is disturbed is a start that

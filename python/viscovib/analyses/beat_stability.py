@@ -1,4 +1,4 @@
-"""Whether the full equations keep a motion that beats: by integrating them beside it."""
+"""Stability of a beating motion by integration of the full equations."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _SETTLING, _AVERAGED = 14.0, 20.0
 _BESIDE, _BESIDE_AVERAGED = 1e-4, 12.0
 #: Longest runs, in steps.
 _MOST_STEPS = 1_000_000
-#: The run ends within so many estimated errors of the motion told, or it went elsewhere.
+#: The run ends within so many estimated errors of the motion, or it left it.
 _STAYS = 5.0
 
 
@@ -51,8 +51,8 @@ def growth_of_neighbours(
     The equations are integrated from the state of the motion at t = 0 until what that lacks has
     decayed; from there growth is averaged, g = log(|d(t + T)|/|d(t)|)/T of a neighbour d away.
     That is the Lyapunov exponent + O(1/T): over T and T/2 it differs by the error of the longer
-    one, which is told twice, and one e-folding with it. A run that ends elsewhere than the
-    motion, by its errors, knows nothing of it.
+    one, which is counted twice, plus one e-folding. A run that ends elsewhere than the motion,
+    beyond its errors, gives no result.
     """
     unknown = (0.0, np.inf)
     size = np.abs(harmonics[1:]).max(axis=1, initial=0.0)

@@ -492,7 +492,7 @@ class _Job:
                     bar.update(future.result()[0].shape[1])
             return [future.result() for future in futures]
         finally:
-            # Left early, by Ctrl-C or an error, the threads are told to stop.
+            # After Ctrl-C or an error the threads stop.
             cancel[0] = 1
             pool.shutdown(cancel_futures=True)
 

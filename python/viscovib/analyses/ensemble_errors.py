@@ -1,4 +1,4 @@
-"""Errors of what an ensemble gathers beside its last states."""
+"""Errors of the results of an ensemble other than its final states."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ class Raw(Protocol):
 
 @dataclass(frozen=True)
 class Beside:
-    """Of what was gathered beside the last states; None: not gathered, or steps are given."""
+    """Errors of other results than the final states; None: no result, or a given step size."""
 
     sections: float | None = None
     amplitudes: float | None = None

@@ -1,4 +1,4 @@
-"""What is told of the error of runs: by others in other steps, and by what roundings become."""
+"""Error estimates of runs: from runs with different step sizes, and amplified rounding errors."""
 
 from __future__ import annotations
 
@@ -140,9 +140,9 @@ def with_estimate(
 
     ``begin``: where the others do, if elsewhere. ``shaken``: the same run as `grown` takes it.
 
-    Where steps go over kinks one beside the end of a step may be missed alike in halves of steps.
-    Thirds have other ends but those of whole steps. Errors fall slowly there, so that finer runs
-    keep a good part of them, of the same sign: what these differ by from each other tells it.
+    If steps cross kinks, runs with half the step size may have the same error from a kink next to
+    the end of a step. A third of the step size has different ends of steps. Errors decrease slowly
+    there, so finer runs keep a large part of them with the same sign, which their difference shows.
     """
     factors = (2, 3) if run._resume is not None and run._resume.over_kinks else (2,)
     finer = [make(factor) for factor in factors]

@@ -34,7 +34,7 @@ def with_event_errors(
     watch, others = watches
     if watch is None or others is None or not watch.events:
         return _ended(run, None)
-    # Two runs may be wrong alike at kinks; vectors of bodies that turn far are told in two ways.
+    # Two runs may have equal errors at kinks; large rotations have two equivalent vectors.
     winds = getattr(run.system, "_winds", False)
     alike = run._resume.over_kinks or winds
     least = run.error if alike else max(least_error(run), grown)

@@ -149,7 +149,7 @@ class Watch:
     def checked(
         cls, events: object, names: Sequence[str], told: str = "", system: Any = None
     ) -> Watch:
-        """Compile events of a motion with these coordinates; ``told``: what the user calls it."""
+        """Compile events of a motion with these coordinates; the name ``told`` is for messages."""
         if isinstance(events, (str, Event)):
             events = [events]
         if not isinstance(events, (list, tuple)) or not 0 < len(events) <= _MOST_EVENTS:

@@ -47,7 +47,7 @@ class LineFit:
         self.half = max(0.5 * (samples.size - 1), 1.0)
         #: Weighted sum of the squares of what was left when it was last asked for.
         self.total = math.inf
-        #: What rounding leaves of that sum.
+        #: The rounding error of this sum.
         self.rounding = 0.5 * samples.size * (1e-15 * float(np.abs(samples).max(initial=0.0))) ** 2
 
     def with_line(self, omega: float) -> "LineFit":
@@ -83,8 +83,8 @@ class LineFit:
         """Least squares in all parameters, to steps that are small enough.
 
         Gauss-Newton, and towards steepest descent (Levenberg, Marquardt) as long as a step leaves
-        more than there was, so that the fit never gets worse. Amplitudes beside decays follow from
-        these at each step, which makes the sum of squares far less curved (Golub and Pereyra,
+        more than there was, so that the fit never gets worse. Amplitudes follow from the decay
+        rates at each step, which makes the sum of squares far less curved (Golub and Pereyra,
         Inverse Problems 19, 2003).
         """
         n = self.omega.size
@@ -215,7 +215,7 @@ class LineFit:
         return float(min(max(2 * math.pi * position / n, 0.1 / n), math.pi * (1 - 0.1 / n)))
 
     def disturbed(self, alarm: float) -> npt.NDArray[np.bool_]:
-        """Lines beside which more is left than noise: the fit does not explain the signal there."""
+        """Lines with a nearby residual above the noise, which the fit does not explain."""
         left = np.flatnonzero(self._stands_out(self._left(), alarm))
         in_bins = self.samples.size / (2 * math.pi)
         distance = np.abs(np.subtract.outer(self.omega * in_bins, left))
@@ -287,7 +287,7 @@ class LineFit:
 
 
 def _solution(matrix: FloatArray, right: FloatArray, damping: float = 0.0) -> FloatArray | None:
-    """Change of the parameters, or None if they cannot be told apart.
+    """Change of the parameters, or None if they are indistinguishable.
 
     ``damping``: what is added to the diagonal, in parts of it.
     """

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     import xarray as xr
 
 _MAX_LINES = 50
-#: The least sure that what is left beside a line is no noise.
+#: Probability that noise causes such a residual near a line.
 _DISTURBED = 1e-3
 
 

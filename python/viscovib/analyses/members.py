@@ -272,7 +272,7 @@ def shared_runs(
     given: Mapping[str, npt.ArrayLike], initial: npt.ArrayLike, width: int
 ) -> tuple[dict[str, FloatArray], FloatArray]:
     """Return what varies, and a start for each run."""
-    # Told before copies of so many are made.
+    # Checked before so many copies are made.
     n = max(
         [1]
         + [

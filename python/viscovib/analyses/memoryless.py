@@ -59,7 +59,7 @@ MAX_DOF = 6
 IN_SECTIONS = ("gauss8", "gauss2", "gauss3")
 #: The method whose parts behind a switch, each twice as long as the one before, see what fades.
 REMEMBERING = ("gauss8",)
-#: What such motions are told of memory: it is by exponentials.
+#: Allowed values of ``memory`` for such motions.
 AS_COORDINATES = ("auto", "exponentials")
 #: The same with coordinates of the core for exponentials that remember, as of `modal_frame`.
 MOST_IN_FRAME = 512
@@ -128,7 +128,7 @@ def goes_as_pendulum(
         return False
     orders: list[Any] = []
     for given in (load, base):
-        # Numbers and nothing are told faster than mappings.
+        # Numbers and None are tested faster than mappings.
         if given is not None and type(given) is not float and isinstance(given, Mapping):
             # What has the names of coordinates is of order 1.
             orders += [1 if isinstance(order, str) else order for order in given]
@@ -172,7 +172,7 @@ def _fades_beside_switches(system: PolynomialSystem, method: str) -> bool:
 
 @cache
 def _all_move(n: int) -> npt.NDArray[np.int32]:
-    """What the core is told where every coordinate moves; nobody writes into it."""
+    """Flags of the core if every coordinate moves; read-only."""
     moves = np.ones(n, dtype=np.int32)
     moves.setflags(write=False)
     return moves
@@ -396,8 +396,8 @@ class PolynomialRun(Run):
             until, reach = self._time_after(self.done + count), self.job[8]
             if until > reach * (1 + 1e-9):
                 raise InputError(
-                    f"t_end = {until:g}: a run made for t_end = {reach / _REACH:g} beside kernels "
-                    f"that are no sums of exponentials may go on to {reach:g} at most"
+                    f"t_end = {until:g}: a run made for t_end = {reach / _REACH:g} with kernels "
+                    f"that are not sums of exponentials may go on to {reach:g} at most"
                 )
         resume = 0 if self.memory is None else 2 if self.anew else 1
         # Every surface and every state of an element has at least two numbers in the vector.

@@ -195,7 +195,7 @@ def _follow(
         # Another part of the branch, that runs the other way, is no branch point.
         if new is not None and here.turn_of_way != new.turn_of_way:
             new = new if step <= _FIRST_STEP and new.passed == here.passed else None
-        # Beside a kink the tangent turns however short a step is.
+        # Near a kink the tangent turns for any step size.
         if new is None or (cosine < _BENT and step > 1e3 * _SHORTEST):
             step *= 0.5
             if step < _CORNER and here is not at_corner:

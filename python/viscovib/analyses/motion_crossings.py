@@ -18,7 +18,7 @@ _NEAR = 1e-13
 _CLOSE, _JUMP = 1e-10, 1e-3
 #: Halvings of the way between two points, where what is found does not tell what has changed.
 _MOST_HALVINGS = 6
-#: Points beside a place where nothing is found, and how well what they tell must agree.
+#: Points around a location where nothing is found, and how well their results must agree.
 _NODES, _AGREE = 8, 1e-7
 
 
@@ -244,7 +244,7 @@ def _interpolated(
     kind: str,
     function: Callable[[MotionPoint], float],
 ) -> Event:
-    """Where a function passes 0 by its polynomial through points beside that place.
+    """Zero of a function by its polynomial through points around it.
 
     At a branch point Newton's equations are singular, and next to it nothing is found.
     """

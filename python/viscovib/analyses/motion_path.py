@@ -128,8 +128,8 @@ class MotionPath:
     def round_corner(self, here: MotionPoint) -> MotionPoint | None:
         """The next point where the branch has a corner, as where an impact begins; None: none.
 
-        Behind it the branch leads where the derivatives of the other side have no change. Forth
-        and back are told apart by the determinant, which keeps its sign as the map is continuous.
+        Behind it the branch continues in the null direction of the derivatives of the other side.
+        The sign of the determinant, which is constant, distinguishes forwards and backwards.
         """
         for ahead in _BEHIND:
             beside = self._slopes(here.z + ahead * here.tangent, None, _APART)
@@ -151,8 +151,8 @@ class MotionPath:
             there = self.at(float(z[-1] * self.units[-1])).run(z[:-1] * self.units[:-1], self.steps)
             if there.outcome == "grazing" or there.passed != here.passed:
                 return (
-                    f"; beside it laws switch {there.passed} times instead of {here.passed}, as "
-                    "where a contact only grazes"
+                    f"; near it laws switch {there.passed} times instead of {here.passed}, as "
+                    "at a grazing contact"
                 )
         return ""
 
@@ -162,7 +162,7 @@ class MotionPath:
         """What the end of a motion changes by with the parameter: by differences so far apart.
 
         Also how far they were. Derivatives grow like the square root of how deep a law is entered:
-        beside grazing, differences across it are those of neither side.
+        near grazing, differences across it are those of neither side.
         """
         size, units = max(abs(p), float(self.units[-1])), self.units[:-1]
         while True:

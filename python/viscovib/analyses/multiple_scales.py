@@ -46,7 +46,7 @@ _FREE_BAND = 0.2
 _NOT_NEAR = -1e300
 #: Amplitudes whose powers stay in the range of numbers.
 _MOST_AMPLITUDE = 1e75
-#: Part of deflections that modes may leave out without a word.
+#: Part of deflections that modes may leave out without a warning.
 _FEW_MODES = 1e-2
 _OUTCOMES = ("complete", "overflow", "step limit", "cancelled")
 

@@ -1,7 +1,7 @@
 """Lyapunov exponents by neighbouring motions, of systems that switch or remember.
 
-Motions beside a motion, a small distance d apart in coordinates and velocities, are followed with
-it; again and again their differences are made orthogonal and of length d (Benettin et al.,
+Neighbouring motions at a small distance d in coordinates and velocities are followed with the
+motion; repeatedly their differences are made orthogonal and of length d (Benettin et al.,
 Meccanica 15, 1980, with differences instead of the variational equation). Each is a run of its
 own, so that it switches at times of its own: what a corner, a jump or an impact does to small
 disturbances (saltation) is in the difference.
@@ -10,7 +10,7 @@ With memory the state is the whole past. A disturbance is then one of coordinate
 t = 0 under an undisturbed past; from there on its own past belongs to it and is scaled with it.
 Exponents are the growth of its present coordinates and velocities: those of the past follow.
 
-What a run keeps beside its state (phases of loads, first guesses, marks) is that of the motion.
+Other data of a run than its state (phases of loads, first guesses, marks) are those of the motion.
 Phases differ by rounding where steps end at kinks: made longer with a difference that decays, such
 a rest would never decay, and be the largest disturbance in the end.
 """
@@ -48,7 +48,7 @@ _MARKED, _COUNTED = 0.5, 1e6
 _LOOKS, _RECENT = 512, 16
 #: Distances of neighbours at least, of the largest size of the motion.
 _LEAST = 1e-100
-#: How much more of a disturbance than of the first the past may hold, beside what is seen of it.
+#: How much more of a perturbation than of the first one the history may contain.
 _HIDDEN = 1e4
 #: The same of one that is followed at all.
 _LOST = 1e12
@@ -93,7 +93,7 @@ class _Renewal:
 
 
 class _Beside:
-    """A motion and motions beside it."""
+    """A motion and its neighbours."""
 
     def __init__(
         self,
@@ -108,7 +108,7 @@ class _Beside:
         self.runs: list[Run] = []
         #: Sums of the logarithms of growth.
         self.grown = np.zeros(count)
-        #: Which cannot be told: what their past does by its size and by rounding hides the rest.
+        #: Undetermined exponents: the size and the rounding errors of their history hide the rest.
         self.untold = np.zeros(count, dtype=bool)
         #: Parts of the distance at which neighbours are, as their past must be near as well.
         self.nearer = np.ones(count)
@@ -161,7 +161,7 @@ class _Beside:
         return rates, off
 
     def _begin(self, n_steps: int) -> bool:
-        """The motion and those beside it at the start; False: the motion stops."""
+        """The motion and its neighbours at the start; False: the motion stops."""
         scout = self.make(None)
         looked = scout.steps(n_steps, Wanted(every=max(1, n_steps // _LOOKS)), False)
         if looked.outcome != "completed":
@@ -199,8 +199,8 @@ class _Beside:
             its = _whole(run)
             if its.size != own.size:
                 raise InputError(
-                    "lyapunov: motions beside each other end their steps at kinks and keep all of "
-                    "their past, each another; must be False, or the kernels sums of exponentials"
+                    "lyapunov: neighbouring motions end their steps at kinks and have different "
+                    "histories; must be False, or the kernels sums of exponentials"
                 )
             whole = its - own
             whole[n:] = np.where(belongs & ~_marks(own[n:], its[n:]), whole[n:], 0.0)
@@ -256,7 +256,7 @@ def _unsure(course: list[tuple[int, FloatArray]]) -> FloatArray:
 
 
 def _hidden(part: FloatArray, first: FloatArray, n: int) -> float:
-    """How much more of a disturbance is in the past than of the first one, beside n numbers."""
+    """How much more of a perturbation than of the first one is in the history, behind n numbers."""
     seen = np.abs(part[:n]).max() * np.abs(first[n:]).max()
     past = np.abs(part[n:]).max() * np.abs(first[:n]).max()
     # Of a disturbance that has vanished nothing is anywhere.

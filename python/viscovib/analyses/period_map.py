@@ -35,7 +35,7 @@ _FIRST, _LEAST = 4, 4
 _EPS = float(np.finfo(float).eps)
 #: Iterations of Newton's method, and halvings of one of its steps.
 _MOST_TURNS, _MOST_HALVINGS = 30, 8
-#: What rounding leaves of a state at the end of a period, as a part of the largest.
+#: Rounding error of a state at the end of a period, as a part of the largest.
 _LEFT = 8.0
 
 
@@ -150,7 +150,7 @@ class PeriodMap:
 
     @property
     def weights(self) -> FloatArray:
-        """Velocities beside displacements: divided by the frequency of the load."""
+        """Velocities comparable with displacements: divided by the frequency of the load."""
         weights = np.full(self.size, 1 / self.nu)
         weights[: 2 * self.n_dof : 2] = 1.0
         return weights
@@ -173,7 +173,7 @@ class PeriodMap:
         times: FloatArray | None = None,
         beside: bool = True,
     ) -> Ran:
-        """Make the motion from a state, in so many steps; ``beside``: and those beside it."""
+        """Make the motion from a state, in so many steps, optionally with its derivatives."""
         found = _native.call_either(
             steps > _native.MANY_STEPS,
             core.polynomial_period,

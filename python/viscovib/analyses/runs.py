@@ -153,7 +153,7 @@ def told_in_one_way(run: Trajectory, like: Trajectory) -> Trajectory:
 
 
 def least_error(run: Trajectory) -> float:
-    """What rounding leaves of states, and what stands for kernels, which no two runs tell."""
+    """Rounding error of states and error of sums of exponentials, which all runs share."""
     found = max(rounding_of(run.state), _rounding_of_times(run))
     if run._resume is None:
         return found
@@ -235,7 +235,7 @@ class Run(ABC):
     by_phases: float = 0.0
     #: What the native calls count.
     counts: ClassVar[str]
-    #: Whether wanted times are told by the polynomials of steps, at no steps of their own.
+    #: True if states at given times come from the polynomials of steps, without separate steps.
     inside: ClassVar[bool] = False
     #: Thin layers of forces that steps may miss; those of a search for the step share them.
     layers: ThinLayers = ThinLayers()

@@ -24,7 +24,7 @@ from viscovib.systems.polynomial_system import PolynomialSystem
 from viscovib.systems.structure import Structure
 
 _EPS = float(np.finfo(float).eps)
-#: What rounding leaves of a state at the end of a period, as a part of the largest.
+#: Rounding error of a state at the end of a period, as a part of the largest.
 _LEFT = 8.0
 #: Periods from rest, before Newton's method begins and where it has failed.
 _SETTLING = (30, 100, 400)

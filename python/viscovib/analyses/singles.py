@@ -93,7 +93,7 @@ class SingleMembers(Members):
             for name in ("nu", "load_scale"):
                 if name in given or (name == "nu" and nu is not None):
                     raise InputError(f"{name}: must not be given without load")
-        # Wrong arguments are told before time is spent.
+        # Wrong arguments are reported before time is spent.
         first = self._begin(0, 1.0, 1.0)
         self.method_name = first.method
         self.dof_names = kept_by(first)

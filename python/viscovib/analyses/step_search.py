@@ -179,13 +179,13 @@ def by_tolerance(
 
 
 def _over_kinks(run: Trajectory) -> bool:
-    """Whether steps go over kinks and jumps of laws, so that two runs may be wrong alike.
+    """Return True if steps cross kinks and jumps of laws, so that two runs may have equal errors.
 
-    What a kink spoils in a step h is C h^p, and C depends on where in the step it is and has either
-    sign: errors of runs in steps h and h/2 may be equal by chance. Then those in steps 2 h differ
-    from both, and what this difference tells of a run in steps h/2 is the second measure. Beside
-    the end of a step of 2 h all three miss the kink alike: then a run in one step more of each
-    first step, whose ends are others, is the third.
+    The error of a kink in a step h is C h^p. C depends on the position in the step and has either
+    sign, so errors of runs with steps h and h/2 may be equal by chance. A run with steps 2 h then
+    differs from both, which is the second measure. For a kink next to the end of a step of 2 h all
+    three errors are equal. A run with one more step for each first step, whose ends are different,
+    is the third measure.
     """
     return run._resume is not None and run._resume.over_kinks
 
@@ -211,7 +211,7 @@ def _told_grown(want: Accuracy, run: Trajectory, grown: float) -> str:
     if run.outcome == "event":
         return (
             f"{want}: not met: roundings leave an error of {grown:.1e} of the event that ends the "
-            f"run at t = {run.t_reached:.6g}: it is beside grazing, or the motion is chaotic or "
+            f"run at t = {run.t_reached:.6g}: it is close to grazing, or the motion is chaotic or "
             "unstable, take a larger tolerance"
         )
     return (

@@ -40,7 +40,7 @@ if TYPE_CHECKING:
 
 #: Coordinates of polynomial systems that are not.
 _MOST_WHOLE = 64
-#: Part of a start that may be in no mode without a word.
+#: Part of a start that may be in no mode without a warning.
 _LEFT_OUT = 1e-6
 
 

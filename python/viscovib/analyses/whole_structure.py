@@ -99,7 +99,7 @@ def check_whole(system: Structure) -> None:
     told = _lacks_wholeness(system) or _lacks_exponentials(system)
     if told is None and any(one.law is not None and one.law.state and one.law.text != "restitution"
                             for one in system._all_elements):  # fmt: skip
-        told = "takes no elements that know what was (see forced_response)"
+        told = "takes no hysteresis elements (see forced_response)"
     if told is not None:
         raise InputError(f"system: a steady motion in time {told}")
 

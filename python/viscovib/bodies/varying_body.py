@@ -71,7 +71,7 @@ def numbers_of_body(body: Body) -> tuple[str, ...]:
 def with_numbers(body: Body, numbers: Mapping[str, float]) -> Body:
     """Return the body with other numbers, by the names above."""
     with warnings.catch_warnings():
-        # Of the body as it was given they were told.
+        # The warnings for the given body were printed before.
         warnings.simplefilter("ignore")
         for name, value in numbers.items():
             changed = _changed(body, name)

@@ -221,7 +221,7 @@ def _value(result: SceneResult) -> Result:
 
 
 def _told(result: SceneResult) -> dict[str, Any]:
-    """Return what is told of a result in JSON."""
+    """Return the JSON form of a result."""
     value = _value(result)
     try:
         numbers = {
@@ -276,7 +276,7 @@ _COMMANDS: tuple[tuple[str, Callable[[argparse.Namespace], int], str], ...] = (
         explore_command.run_explore,
         "open a scene in the browser, a slider for each number",
     ),
-    ("bench", _each(bench.run_bench), "time scenes on this machine, their errors beside it"),
+    ("bench", _each(bench.run_bench), "measure times and errors of scenes on this machine"),
     ("completion", _complete, "print what completes this command in a shell"),
 )
 
@@ -298,7 +298,7 @@ def _picture(options: argparse.Namespace, result: SceneResult) -> list[Path]:
     bases = value._base_frequencies()
     if result.spectrum is not None:
         pictures.append(result.spectrum)
-    # Tables that belong to another are no curves beside it.
+    # Tables that belong to another table are not separate curves.
     curves: Any = () if value._form == "table" else result.switched
     paths = []
     for shown in pictures:

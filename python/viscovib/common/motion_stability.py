@@ -67,15 +67,15 @@ def hanging(
 
 
 def truncated_crossings(before: Sequence[int], few: npt.NDArray[np.bool_]) -> str:
-    """Say how many crossings lie beside motions with too ``few`` harmonics, if any do.
+    """Return how many crossings are next to motions with too ``few`` harmonics, if any.
 
-    They are located along the motion of the harmonics kept, to its every digit; where the whole
-    motion changes its stability they do not tell to more than its truncation.
+    They are located on the motions with the harmonics kept. The error of their locations for the
+    converged motion is the truncation.
     """
     n = sum(bool(few[i : i + 2].any()) for i in before)
     if not n:
         return ""
-    return f"; {n} of {len(before)} crossings beside these are those of the truncated motion"
+    return f"; {n} of {len(before)} crossings next to these are those of the truncated motion"
 
 
 class Stability(NamedTuple):

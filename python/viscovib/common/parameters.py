@@ -317,7 +317,7 @@ def _documented() -> str:
 
 
 def with_curve(given: dict[str, Any], called: str) -> dict[str, Any]:
-    """Put the options of ``**curve`` beside the other arguments, with their defaults."""
+    """Add the options of ``**curve`` to the other arguments, with their defaults."""
     curve = given.pop("curve")
     for name in curve.keys() - OPTIONS.keys():
         raise TypeError(f"{called}() got an unexpected keyword argument {name!r}")

@@ -1,4 +1,4 @@
-"""What is told of periodic motions u = Im sum_k X_k exp(i k nu t), however they were found."""
+"""Common functions of periodic motions u = Im sum_k X_k exp(i k nu t)."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ _AT_A_TIME = 4096
 
 
 class PeriodicMotions:
-    """A row of periodic motions: harmonics of each coordinate, and what follows from them.
+    """A set of periodic motions: harmonics of each coordinate, and derived values.
 
-    Of a motion without a solution every number is NaN. ``dof`` is a name of `dof_names`.
+    Every number of a motion without a solution is NaN. ``dof`` is a name of `dof_names`.
 
     Examples
     --------
@@ -64,7 +64,7 @@ class PeriodicMotions:
         raise InputError(f"dof = {_native.shown(dof)}: must be one of {names}")
 
     def coefficient(self, dof: int | str, harmonic: int = 1) -> ComplexArray:
-        """X_k of one coordinate, shape (n,)."""
+        """Return X_k of one coordinate, shape (n,)."""
         _, orders, coefficients = self._motions()
         where = np.flatnonzero(orders == harmonic) if np.isscalar(harmonic) else np.empty(0)
         if not where.size:
@@ -75,12 +75,12 @@ class PeriodicMotions:
         return coefficients[:, self._dof(dof), where[0]]
 
     def phase(self, dof: int | str, harmonic: int = 1) -> FloatArray:
-        """Phase of X_k (rad), in (-pi, pi], shape (n,)."""
+        """Return the phase of X_k (rad), in (-pi, pi], shape (n,)."""
         return np.angle(self.coefficient(dof, harmonic))
 
     def velocity(self, dof: int | str, harmonic: int = 1) -> ComplexArray:
         """Harmonic of the velocity, i k nu X_k, shape (n,)."""
-        # Told first if the harmonic is none.
+        # An invalid harmonic is reported first.
         own = self.coefficient(dof, harmonic)
         return np.asarray(1j * harmonic * self._motions()[0] * own)
 
@@ -90,7 +90,7 @@ class PeriodicMotions:
         return np.asarray(-((harmonic * self._motions()[0]) ** 2) * own)
 
     def waveform(self, i: int, n: int = 256) -> tuple[FloatArray, FloatArray]:
-        """One period of the i-th motion: n times, shape (n,), and u, shape (n, n_dof)."""
+        """Return one period of the i-th motion: n times, shape (n,), and u, shape (n, n_dof)."""
         nu, orders, coefficients = self._motions()
         point = _native.integer("i", i, -nu.size, nu.size - 1)
         count = _native.integer("n", n, 1, 10_000_000)
@@ -104,14 +104,14 @@ class PeriodicMotions:
         return t, found
 
     def rms(self, dof: int | str) -> FloatArray:
-        """Root mean square over a period, the mean included, shape (n,): by Parseval's theorem."""
+        """Return the root mean square over a period, including the mean, shape (n,)."""
         _, orders, coefficients = self._motions()
         own = coefficients[:, self._dof(dof)]
         squares = np.where(orders == 0, own.imag**2, 0.5 * np.abs(own) ** 2)
         return np.asarray(np.sqrt(squares.sum(axis=1)))
 
     def peak_to_peak(self, dof: int | str) -> FloatArray:
-        """Largest value less smallest in a period, shape (n,): samples by FFT, then Newton."""
+        """Return the largest minus the smallest value in a period, shape (n,)."""
         _, orders, coefficients = self._motions()
         own = coefficients[:, self._dof(dof)]
         result = np.full(own.shape[0], np.nan)
@@ -124,11 +124,11 @@ class PeriodicMotions:
         return result
 
     def fall_off(self) -> FloatArray:
-        """Power p with which harmonics fall as k^-p, measured, shape (n,).
+        """Return the measured power p with which harmonics decrease as k^-p, shape (n,).
 
-        By the last two octaves of the orders kept, of all coordinates in units of their size; NaN
-        with fewer than 8 orders. A corner of the force makes 4, a jump 3, `v*abs(v)` 5; a smooth
-        law has none: p grows with the orders kept.
+        It is computed from the last two octaves of the harmonics kept, of all coordinates in units
+        of their size; NaN with fewer than 8 harmonics. A kink of the force gives 4, a jump 3,
+        `v*abs(v)` 5. For a smooth law p grows with the number of harmonics.
         """
         nu, orders, coefficients = self._motions()
         if orders.ndim != 1:

@@ -175,7 +175,7 @@ class Result(Value):
             picture = io.StringIO()
             _pictures().save_picture(self, picture, small=True)
         except InputError:
-            # What has no picture is told in words.
+            # A result without a plot is described as text.
             return text
         return f"{text}{picture.getvalue()[picture.getvalue().index('<svg') :]}"
 

@@ -1,4 +1,4 @@
-"""Measured curves from a CSV file, to lie beside computed ones."""
+"""Measured curves from a CSV file, for comparison with computed ones."""
 
 import csv
 import io

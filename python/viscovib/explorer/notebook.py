@@ -1,4 +1,4 @@
-"""The explorer beside one's own lines: in a notebook, or in the background of a session."""
+"""The explorer in a notebook, or in the background of a Python session."""
 
 import html
 import os
@@ -131,6 +131,6 @@ def explore(
         raise InputError(
             "explore: needs the package bokeh: pip install 'viscovib[explore]'"
         ) from None
-    # What cannot be computed is told here.
+    # Errors of the computation are raised here.
     page_of(read, wanted)
     return Explorer(read, wanted, place)

@@ -13,7 +13,7 @@ from viscovib._native import FloatArray
 from viscovib.explorer.drawn import STABLE, UNKNOWN, UNSTABLE, Curve, Motion
 from viscovib.plots.axes import torn
 
-#: Dark and solid, lighter and dashed, grey and dotted: told apart without colour too.
+#: Dark and solid, lighter and dashed, grey and dotted: distinguishable without colour.
 _LINES: dict[int, tuple[str, dict[str, Any]]] = {
     STABLE: ("stable", {"color": "#0b1d51", "line_width": 2.2}),
     UNSTABLE: ("unstable", {"color": "#c8452e", "line_width": 1.8, "line_dash": [7, 4]}),
@@ -34,7 +34,7 @@ _WIDE, _HIGH = 330, 210
 SCALES = ("linear", "logarithmic", "decibels")
 FREQUENCIES = ("rad/s", "Hz")
 
-#: x and y of something drawn beside the curves, by coordinate.
+#: x and y of additional curves, by coordinate.
 Beside = Mapping[str, tuple[FloatArray, FloatArray]]
 
 

@@ -25,17 +25,17 @@ from viscovib.explorer.widgets import alert, words
 from viscovib.scene.scene import Scene
 
 _HERE = "127.0.0.1"
-#: Bokeh's handles of sliders have no names; readers of screens are told that of the field beside.
+#: Bokeh's slider handles have no names. Screen readers get the name of the neighbouring field.
 _NAME_SLIDERS = """
 const nameSliders = (root) => {
   for (const part of root.querySelectorAll('*')) {
     if (!part.shadowRoot) continue
     const handle = part.shadowRoot.querySelector('.noUi-handle')
     if (handle) {
-      const beside = [part, ...part.parentNode.children].map(
+      const neighbour = [part, ...part.parentNode.children].map(
         (other) => other.shadowRoot?.querySelector('label, .bk-slider-title')?.textContent.trim()
       ).find((text) => text)
-      handle.setAttribute('aria-label', beside || 'slider')
+      handle.setAttribute('aria-label', neighbour || 'slider')
     }
     nameSliders(part.shadowRoot)
   }
@@ -119,12 +119,12 @@ def start(scene: Scene, keys: Sequence[str] | None = None, port: int = 0) -> tup
             return
         document.add_root(page.view)
 
-    # What is asked for in vain is told to the browser alone.
+    # Requests that fail are reported to the browser only.
     logging.getLogger("tornado.access").setLevel(logging.ERROR)
     token = secrets.token_urlsafe(24)
     try:
         with socket.socket() as probe:
-            # The server has to be told which pages are its own, port and all.
+            # The server needs the addresses of its own pages, with the port.
             probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
             probe.bind((_HERE, port))
             port = probe.getsockname()[1]
@@ -150,7 +150,7 @@ def serve(
     tell: Callable[[str], None] = print,
 ) -> None:
     """Serve the explorer until it is interrupted. ``port``: 0 takes any that is free."""
-    # What cannot be computed is told here, before a server starts.
+    # Errors of the computation are raised here, before a server starts.
     page_of(scene, keys)
     server, address = start(scene, keys, port)
     tell(f"{address}\nend with Ctrl+C")

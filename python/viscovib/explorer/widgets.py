@@ -92,7 +92,7 @@ def card(title: str, *parts: Any, folded: bool = False) -> Column:
 
 
 def flow(*parts: Any) -> Row:
-    """Return parts beside each other, in several lines where there is no room."""
+    """Return parts in a row, which wraps if the page is narrow."""
     style = ":host { flex-wrap: wrap; gap: 4px; align-items: flex-end; }"
     return Row(*parts, stylesheets=[style], sizing_mode="stretch_width", margin=(2, 0, 2, 0))
 
@@ -186,7 +186,7 @@ class NumberRow:
         self.tell("")
 
     def tell(self, message: str) -> None:
-        """Show what is wrong beside the field, or that nothing is."""
+        """Show the error of the field next to it, or clear it."""
         if bool(message) == self.error.visible and not message:
             return
         self.error.visible = bool(message)

@@ -283,7 +283,7 @@ _MOST_TERMS, _AT_A_TIME = 4000, 2**22
 #: The sum of the core ends at this multiple of t_max, since 1/t_max is a frequency of the sum.
 _LATER = 3.0
 #: How often a sum is sought that meets a tolerance, how small a tolerance the core is asked for,
-#: and what rounding leaves of sums.
+#: and the rounding error of sums.
 _TRIES, _LEAST_TOLERANCE, _SUM_ROUNDING = 4, 1e-15, 1e-14
 #: Points below it and above its inverse may be taken in other units.
 _SMALL = 1e-100

@@ -16,7 +16,7 @@ from viscovib._native import FloatArray, core
 from viscovib.errors import InputError, StabilityWarning, caller
 from viscovib.kernels.relaxation import Kernel, _vectors
 
-#: A table that lacks more than this part of its integral is told; as in the core.
+#: A warning is printed if a table misses more than this part of its integral; as in the core.
 _UNSEEN = 0.01
 
 

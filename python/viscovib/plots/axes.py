@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 _X, _Y = Word("x", ("rad/s", "hz")), Word("y", ("linear", "log", "db", "phase"))
 _REFERENCE = Number("reference", above=0)
-#: A jump is a step so many times as long as those beside it, and such a part of the largest motion.
+#: A jump is so many times as long as the neighbouring steps, and such a part of the largest motion.
 _LONGER, _PART = 3.5, 0.1
 #: Below so much of the largest a coordinate does not move.
 _STILL = 1e-12
@@ -108,9 +108,9 @@ def torn(jumps: npt.NDArray[np.bool_], *columns: FloatArray) -> list[FloatArray]
 def jumps_of(coefficients: ComplexArray) -> npt.NDArray[np.bool_]:
     """Return between which motions of a row the curve jumps to another branch, shape (n - 1,).
 
-    A step is a jump if it is much longer than both steps beside it, measured in the complex
+    A step is a jump if it is much longer than both neighbouring steps, measured in the complex
     harmonics, in which a steep flank turns but does not break: across a pole a step is three times
-    as long as those beside it. What is sampled too coarsely to tell is left whole.
+    as long as the neighbouring steps. Curves with too few samples are not divided.
     """
     flat = coefficients.reshape(len(coefficients), -1)
     sizes = np.abs(flat).max(axis=1, initial=0.0)

@@ -89,7 +89,7 @@ def plot_body(
         ends = np.array([body.center - along, body.center + along])
         line = {"color": COLOURS[1], "linestyle": (0, (1, 1)), "linewidth": 2}
         axis.plot(*ends.T, label="torque-roll axis", **line)
-        # Beside the box: at the end of the line it would cover numbers of the axes.
+        # Next to the box: at the end of the line it would cover numbers of the axes.
         axis.legend(loc="upper left", frameon=False)
     axis.set_xlabel("x (m)")
     axis.set_ylabel("y (m)")

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 _LOOKS = (Flag("log"), Optional.or_none(Text("label")))
-#: Values that are still told apart by a colour each.
+#: Largest number of values with one colour each.
 _MOST_CLASSES = 8
 #: What axes and colours can still be worked out for.
 _LARGEST_DRAWN = 1e300

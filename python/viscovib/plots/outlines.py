@@ -32,7 +32,7 @@ class Outline:
 
 @dataclass(frozen=True)
 class Drawing:
-    """Outlines of a moving system, what they are magnified by, and names beside rows."""
+    """Outlines of a moving system, their magnification, and names of the rows."""
 
     outlines: tuple[Outline, ...]
     factor: float

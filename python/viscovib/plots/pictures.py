@@ -1,4 +1,4 @@
-"""Pictures of whole results: by `Result.plot`, into files, beside text in notebooks."""
+"""Plots of results: by `Result.plot`, as files, in notebooks."""
 
 import os
 from collections.abc import Callable, Mapping, Sequence
@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 
 
 class Drawn(NamedTuple):
-    """What is drawn beside a result: names of frequencies, other branches."""
+    """Additions to the plot of a result: names of frequencies, other branches."""
 
     bases: Mapping[str, float] | None = None
     others: Sequence[Any] = ()

@@ -1,4 +1,4 @@
-"""Pictures of curves: every one is told apart by line style as well as by colour."""
+"""Plots of curves, distinguished by line style as well as by colour."""
 
 from __future__ import annotations
 
@@ -153,7 +153,7 @@ def _whole(
 
 
 def _with_neighbours(shown: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:
-    """Points and those beside them, so that a stretch leaves no gap."""
+    """Points and their neighbours, so that a stretch leaves no gap."""
     wider = shown.copy()
     wider[1:] |= shown[:-1]
     wider[:-1] |= shown[1:]

@@ -33,7 +33,7 @@ _SIZES = (1e-12, 1e12)
 _SAME = 1e-3
 #: Places of slips that are tried, and how often the best is brought on to its end.
 _STARTS, _POLISHED = 16, 12
-#: Orders and times of a kernel tried beside them, of which the best few go on.
+#: Orders and times of the kernel that are tried with them; the best few are continued.
 _ALPHAS, _TIMES, _BEST = (0.08, 0.2, 0.35, 0.5, 0.65, 0.8, 0.93), 12, 3
 #: What a part is at least of the largest stiffness, to be a start.
 _LEAST = 1e-6

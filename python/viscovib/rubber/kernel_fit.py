@@ -28,7 +28,7 @@ _TIMES, _STARTS, _MORE_STARTS = 14, 4, 8
 _NOISE = 0.15
 #: Passes of weights by the model, and what two passes may differ by.
 _PASSES, _SETTLED = 12, 1e-10
-#: An instantaneous modulus so far beyond the largest one measured is told.
+#: A warning is printed for an instantaneous modulus so far above the largest measured one.
 _BEYOND = 1.6
 #: Residuals that are far above those of a Prony series: at least, and so many times.
 _MISFIT, _FAR_ABOVE = 0.05, 2.5

@@ -34,7 +34,7 @@ _ROW_TO_ROW = 1.2
 _ROUGHER, _LEAST = 1.2, 5e-4
 #: Storage that varies by less, as a part of the largest, tells little of the loss.
 _WEAK = 0.2
-#: Loss that is further from the one that belongs to the storage is told.
+#: Larger deviations of the loss from the expected loss are reported.
 _TELLING = 1.25
 #: What storage tells of the loss at the ends of a range is not judged (decades).
 _END = 0.3

@@ -42,7 +42,7 @@ _BY = ("storage", "loss", "both")
 _VERTICAL = ("none", "density", "free")
 #: Other distances of knots: what factors owe to this choice belongs to their uncertainty.
 _OTHER_KNOTS = (0.8,)
-#: A set that others overlap by less (decades) is told; so are given factors that superpose this
+#: A warning is printed for a smaller overlap (decades), and for given factors that superpose this
 #: much worse than those found here.
 _THIN, _WORSE = 0.3, 2.0
 #: Given factors are 0 at the reference within this (decades).
@@ -404,7 +404,7 @@ def _given(
 
 
 def _check_zero(t: FloatArray, decades: FloatArray, at: float) -> None:
-    """Refuse factors of another reference: data would be told as those of a wrong temperature."""
+    """Refuse factors of another reference: data would get a wrong temperature."""
     t, rows = np.unique(t, return_index=True)
     decades = decades[rows]
     if t[0] < at < t[-1]:

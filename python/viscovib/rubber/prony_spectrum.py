@@ -52,7 +52,7 @@ def nonnegative(
     """Solve rows x = target in the least-squares sense with x >= 0.
 
     ``smooth`` weighs the second differences of x[1:], in units of ``damped`` (the size of each),
-    beside the residuals.
+    relative to the residuals.
     """
     from scipy.optimize import nnls
 

@@ -126,7 +126,7 @@ def _read_dynamic(
         raise InputError(
             f"{table.path}: has {' and '.join([*given, *turned]) or 'no modulus'}, must have "
             "storage and loss, or one of them or the magnitude with a loss factor or angle; other "
-            "names of columns are told by columns={'storage': ...}"
+            "give the names of columns as columns={'storage': ...}"
         )
     measured = _asked(quantity) or _quantity(table, given)
     _refuse(table, "frequency", nu <= 0, "greater than 0")
@@ -255,7 +255,7 @@ def _common(table: Table) -> dict[str, Any]:
 
 
 def _told(table: Table, make: Callable[[], _Data]) -> _Data:
-    """Make the data; what is wrong is told with the file."""
+    """Create the data. Error messages contain the file."""
     try:
         return make()
     except InputError as error:

@@ -14,7 +14,7 @@ from viscovib.common.values import Value
 from viscovib.errors import ConvergenceWarning, InputError
 from viscovib.kernels.time_temperature import GAS_CONSTANT, KELVIN, WLF, Arrhenius, ShiftLaw
 
-#: A law that misses factors by more (decades) is told.
+#: A warning is printed for a larger residual of the law (decades).
 _MISFIT = 0.1
 LAWS = ("wlf", "arrhenius")
 #: Largest temperature (deg C) and decade, by the word that names them.

@@ -142,7 +142,7 @@ class PronyTerms(Value):
         return "\n".join(lines) + "\n"
 
     def _ls_dyna(self, nu: float, rho: float) -> str:
-        """Fields of ten characters, whose rounding adds to the error that is told."""
+        """Fields of ten characters, whose rounding is part of the stated error."""
         if self.times.size > _LS_DYNA_MOST - 1:
             raise InputError(
                 f"terms: {self.times.size}, must be at most {_LS_DYNA_MOST - 1} for "

@@ -72,7 +72,7 @@ def scene_job(
     checked = Grid.checked(scene.sweep_grid() if grid is None else grid)
     points = Grid(checked.values, {n: u for n in checked.names if (u := unit_of(scene.groups, n))})
     plain = scene.override({})
-    # A wrong name is told at once, before any point is computed.
+    # A wrong name is reported before any point is computed.
     for name, values in points.values.items():
         with_key(plain.groups, name, values[0].item())
     kept: Any = describe(extract) if callable(extract) else extract

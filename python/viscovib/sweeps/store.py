@@ -331,7 +331,7 @@ class DiskStore:
     def _open(self, name: str) -> Any:
         """Return an array, opened once."""
         if name not in self._arrays:
-            # A chunk of blanks is a file as well: else it could not be told from one missing.
+            # A chunk of blanks is a file as well: otherwise it would equal a missing one.
             with _zarr().config.set({"array.write_empty_chunks": True}):
                 self._arrays[name] = self._group[name]
         return self._arrays[name]

@@ -189,7 +189,7 @@ def _pickled(task: Task) -> bytes:
     """Return the task as bytes, made once.
 
     Left to Dask, a function that a worker cannot import would stop the worker's connection, and
-    with it the whole computation, without a word.
+    with it the whole computation, without a message.
     """
     import cloudpickle
 

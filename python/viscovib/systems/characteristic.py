@@ -28,7 +28,7 @@ _STEP, _LEAST_STEP, _FAR = 1 / 24, 1e-7, 0.08
 # the real one, the others lead round that place.
 _BENDS = (0.0, 0.4j, -0.4j)
 # Steps of Newton's method; the last one of a root, as a part of it: a double one is known to the
-# root of rounding. Nearer to the axis than to be told from it.
+# root of rounding. Indistinguishably close to the axis.
 _NEWTON, _LAST, _ON_AXIS = 60, 1e-6, 2e-15
 #: Damping ratio up to which roots are counted left of the imaginary axis, and points there.
 _MOST_DAMPED, _POINTS = 0.999, 20_000
@@ -298,7 +298,7 @@ class _System:
         return roots
 
     def _is_root(self, s: complex) -> bool:
-        """Whether det D is small there beside its values nearby.
+        """Whether det D is small there relative to its values nearby.
 
         Far left the transforms of kernels that end are so large that the rest of D is lost in
         rounding, of which Newton's method finds zeros too.
@@ -311,7 +311,7 @@ class _System:
         return bool(at <= 1e-3 * max(beside))
 
     def _twin(self, s: complex, roots: list[complex]) -> list[complex]:
-        """Another root beside one of those known, or that one where it is a double one."""
+        """A second root near a known root, or that root if it is a double one."""
         if not cmath.isfinite(s) or not any(abs(s - r) < 1e-9 * abs(s) for r in roots):
             return []
         twin = self._polish(s + 1e-3 * abs(s) * (1 + 1j), 1.0, roots)

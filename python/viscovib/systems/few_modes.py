@@ -4,7 +4,7 @@ u = V q with the modes chosen and, as far as there is room, what the other modes
 deflections under the elements and the load (MacNeal, Computers and Structures 1 (1971) 581). With
 u_c = V_c q at as many coordinates c, those of the elements first, q = V_c^-1 u_c, and so
 M' = V_c^-T V^T M V V_c^-1, K' and C' likewise. Elements keep their laws and kernels, along
-e^T V V_c^-1. What is left out is told.
+e^T V V_c^-1. The omitted part is reported.
 """
 
 from __future__ import annotations

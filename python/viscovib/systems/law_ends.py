@@ -17,7 +17,7 @@ _WALL = 1e60
 #: Places of the way that are looked at, as parts of it, and bisections between two of them.
 _PARTS = np.concatenate([[0.0], np.logspace(-9, 0, 73)])
 _BISECTIONS = 60
-#: How far from rest edges are looked for, parts of that way, and of how many is told.
+#: How far from rest edges are searched, parts of that distance, and how many are reported.
 _FARTHEST, _MOST_TOLD = 1e6, 4
 _FAR_PARTS = np.concatenate([[0.0], np.logspace(-15, 0, 301)])
 

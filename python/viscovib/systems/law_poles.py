@@ -32,7 +32,7 @@ _GROWTH, _HALVINGS, _NEAREST, _TOUCHING = 1.15, 12, 1e4, 1e-6
 _DOUBLINGS = 40
 #: Of what is added, parts that count as rounding.
 _CANCELLED = 1e-13
-#: Beside a zero, a part of a way; what an operand has there that jumps over 0, as a part of it
+#: Near a zero, a part of a way; what an operand has there that jumps over 0, as a part of it
 #: at the ends.
 _BESIDE, _JUMPED = 1e-9, 1e-3
 #: Parts of a straight way on which places are looked for.

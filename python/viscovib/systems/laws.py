@@ -376,7 +376,7 @@ def read_law(
     try:
         terms = expand(where, text, names)
     except InputError:
-        # It is none; what may be wrong with it is told by the reader of all laws.
+        # It is not a polynomial; the reader of all laws reports possible errors.
         law = compile_law(where, text, [*arguments, *rates], parameters, len(rates), named=named)
         _refuse_edge(where, law)
         return law

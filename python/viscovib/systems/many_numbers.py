@@ -252,7 +252,7 @@ def _read_many(
     except InputError:
         laws = compile_many(text, [*names, *rates], values, n)
         if laws is None:
-            # One by one the first that is wrong is told.
+            # One by one, so that the first wrong one is reported.
             raise _OneByOneError from None
         return laws
     found: dict[tuple[int, ...], FloatArray] = {}

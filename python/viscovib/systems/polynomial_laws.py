@@ -71,7 +71,7 @@ def condensation_of(
 ) -> Condensation | None:
     """Return the condensed system, or None where that has no use or no modes.
 
-    ``quiet``: springs that rounding hides were told of.
+    ``quiet``: the warning about springs hidden by rounding errors was printed.
     """
     laws = condensed_laws(groups, mass.shape[0])
     if laws is None:

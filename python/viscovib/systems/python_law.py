@@ -18,7 +18,7 @@ from viscovib.errors import InputError
 
 #: Arguments and parameters of a function together, at most: as many as the core hands over.
 MOST_OPERANDS = 8
-#: Imaginary part of an argument whose derivative is taken: its square is nothing beside 1e-16.
+#: Imaginary part of an argument of a complex step: its square is negligible relative to 1e-16.
 _STEP = 1e-40
 #: A derivative is held against differences at places of these sizes, so many of each, by these
 #: parts of the size. Differences that agree with each other tell; so much else is wrong.

@@ -20,8 +20,8 @@ from viscovib.systems.structure_rest import ModalDamping, Remembered, Rest, dens
 #: Frequency of what has no mass but is damped, in units of the highest wanted: it follows at once,
 #: up to the square of this, inverted.
 _AT_ONCE = 1e6
-#: Part of the square of a frequency that may be rounding without a word: of any mesh of hundreds of
-#: elements more is than of few springs.
+#: Part of the square of a frequency that may be rounding error without a warning: for a mesh of
+#: hundreds of elements it is larger than for few springs.
 _LOST = 1e-5
 #: A load is one of those that a reduction was made for if no more of it is left than this.
 _FOREIGN = 1e-9

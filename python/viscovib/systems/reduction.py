@@ -287,7 +287,7 @@ class _Estimate:
             rho = self._residual(s, q)
             met, solved = self._grown(met, solved, rho)
             seen = met.T @ rho
-            # Real and imaginary parts stand beside each other.
+            # Real and imaginary parts are neighbouring columns.
             strain = _products(seen, (met.T @ solved) @ seen).reshape(s.size, r, 2).sum(axis=2)
             whole = np.abs(np.einsum("kai,ab,kbi->ki", q.conj(), basis.shifted(), q))
             relative = np.sqrt(np.abs(strain) / np.maximum(whole, _TINY))
@@ -363,7 +363,7 @@ def _finished(estimate: _Estimate, model: LinearModel, n_modes: int, held: bool)
         modal, slope = modal_rates(model, squares[:n_modes])
         rates += np.concatenate([modal, slope * squares[n_modes:]])
     v = basis.vectors
-    # Ratios stand in the rates: what the basis was judged with holds them beside C.
+    # The rates contain the ratios; the equations for the check of the basis have them besides C.
     damping = [] if model.damping is None else [v.T @ _image(model.damping, v)]
     layers = basis.reduced[len(basis.reduced) - len(model.layers) :]
     return Reduction(
@@ -407,5 +407,5 @@ def _products(left: Any, right: Any) -> Any:
 
 
 def _parts(columns: ComplexArray) -> FloatArray:
-    """Real and imaginary parts of columns beside each other, shape (m, 2 k)."""
+    """Real and imaginary parts of columns as neighbouring columns, shape (m, 2 k)."""
     return np.ascontiguousarray(columns).view(float).reshape(columns.shape[0], -1)

@@ -45,7 +45,7 @@ _RANK, _RIGID, _OFF_DIAGONAL = 1e-12, 1e-13, 1e-12
 #: middle frequency.
 _LOST, _PROBES = 1e-7, (0.05, 0.7, 1.9, 11.0)
 
-#: Bits of products with layers; part of a rate within which a pole beside it moves nothing.
+#: Bits of products with layers; part of a rate within which a nearby pole has no motion.
 _BITS, _BESIDE = 64.0, 1e-10
 #: Rates above this multiple of the fastest mode act as springs and dampers.
 _FAST = 1e5
@@ -302,7 +302,7 @@ def _bodies(
     if not found.shape[1]:
         return found
     if both:
-        # Beside stiff springs that leaves rounding of these along soft ones.
+        # With stiff springs this leaves their rounding errors along soft ones.
         back = np.linalg.pinv(np.vstack(both), rcond=_RANK)
         exact = [Sliced(part, 2 * _BITS) for part in both]
         for _ in range(2):

@@ -1,4 +1,4 @@
-"""Forces of elements beside resonances of the rest, with amplitudes of its modes as unknowns.
+"""Forces of elements near resonances of the linear subsystem, with modal amplitudes as unknowns.
 
 There the compliance H is all but that of the few modes whose dynamic stiffness nearly vanishes,
 and loses as many digits of the others, and of what is left of the modes' own load, as these are
@@ -16,10 +16,10 @@ import numpy as np
 from viscovib._native import ComplexArray
 from viscovib.systems.resting_forces import products, solved
 
-#: A mode whose dynamic stiffness is this part of its stiffness or less is beside a resonance: the
+#: A mode whose dynamic stiffness is this part of its stiffness or less is near a resonance: the
 #: part of the digits that the other modes may lose.
 _BESIDE = 1e-2
-#: Motions looked at together, whose modes beside resonances are few.
+#: Motions treated together, with few modes near resonances.
 _TOGETHER = 64
 
 
@@ -64,7 +64,7 @@ def refine(
     of_laws: Any,
     found: tuple[ComplexArray, ComplexArray],
 ) -> None:
-    """Forces g and amplitudes of real modes, ``found``, of those beside a resonance.
+    """Forces g and amplitudes of real modes, ``found``, of the modes near a resonance.
 
     ``fractions``: squares + rates s + s^2, and t and w as in `compliance`; ``loads``: on real
     modes, on complex ones, and the motion of what has none; ``of_laws``: which forces are the

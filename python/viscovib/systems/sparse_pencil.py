@@ -321,7 +321,7 @@ def check_mass(mass: Any) -> None:
     if filled.any():
         i = int(massless[filled][0])
         raise InputError(
-            f"mass: row {i} has 0 on its diagonal but not beside it, must be positive semidefinite"
+            f"mass: row {i} has 0 on its diagonal and other entries, must be positive semidefinite"
         )
 
 

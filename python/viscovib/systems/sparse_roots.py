@@ -358,9 +358,9 @@ def direct_solution(
 ) -> ComplexArray:
     """D(s)^-1 right, by the full matrices.
 
-    ``modes``: those that have ratios, where ratios are given. Their damping, M Phi r Phi' M beside
-    a part of K (`ModalDampingMatrix`), is full; with y = Phi' M x as further unknowns the system
-    stays sparse.
+    ``modes``: modes with damping ratios, if given. Their damping, M Phi r Phi' M added to a part
+    of K (`ModalDampingMatrix`), is full. With y = Phi' M x as further unknowns the system stays
+    sparse.
     """
     if not np.any(model.ratio):
         values = model.coefficients(np.array([s]))[:, 0]

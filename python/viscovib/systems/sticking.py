@@ -11,10 +11,10 @@ from viscovib.systems.laws import Law
 from viscovib.systems.polynomial_system import PolynomialSystem
 from viscovib.systems.structure import Structure
 
-#: Places beside rest, and by how much secants to them differ where no slope is finite: at least,
+#: Places near rest, and by how much secants to them differ where no slope is finite: at least,
 #: and less than where the law jumps.
 _NEAR, _ENDLESS, _JUMPS = (1e-20, 1e-40), 10.0, 1e19
-#: Positions at which a law is tried (some stops are open at 0), and a velocity beside 0.
+#: Positions at which a law is tried (some stops are open at 0), and a velocity close to 0.
 _POSITIONS, _BESIDE = (0.0, 1.0, -1.0, 1e-3, -1e-3, 1e3, -1e3), 1e-250
 
 
@@ -65,7 +65,7 @@ def _sticks(law: Law) -> bool:
 
 
 def _endless_slope(law: Law) -> str:
-    """Say where a law beside rest rises by a power below 1; nothing if it does not."""
+    """Return where a law near rest rises by a power below 1; nothing if it does not."""
     if law.state:
         return ""
     n = len(law.arguments)

@@ -1,4 +1,4 @@
-"""Springs so different that rounding of the stiffness hides the soft ones: what is told of that.
+"""Springs of very different stiffness, whose rounding errors hide the soft ones: warnings.
 
 A mode of unit modal mass has omega^2 = phi^T K phi. Each entry of K is off by up to half a unit in
 its last place, independently of the others: omega^2 is then off by about
@@ -23,8 +23,8 @@ _EPS = float(np.finfo(float).eps)
 _TINY = float(np.finfo(float).tiny)
 #: A square of a frequency next to |phi|^T |K| |phi|: below, what no spring resists.
 _RIGID = 1e-12
-#: Part of the square of a frequency that may be rounding without a word, and how little of it the
-#: rounding of a free body leaves.
+#: Part of the square of a frequency that may be rounding error without a warning, and the smallest
+#: part that is the rounding error of a free body.
 _LOST, _FREE = 1e-6, 0.15
 #: Squares of frequencies closer together than this lose no more than `_LOST`.
 _ALIKE = 1e-8
@@ -40,7 +40,7 @@ _PART, _NOTHING = 1e-3, 1e-30
 
 
 def warn_of_hidden(told: str) -> None:
-    """Warn of springs that rounding hides, and say what is known of which mode."""
+    """Warn of springs hidden by rounding errors, with the accuracy of the mode."""
     warnings.warn(
         f"stiffness: springs are so different that rounding hides the soft ones: {told}; stiffer "
         "parts may be made rigid, or softer",
@@ -60,12 +60,12 @@ def without_rounding(squares: FloatArray, shapes: FloatArray, stiffness: FloatAr
 def warn_of_lost_modes(
     squares: FloatArray, shapes: FloatArray, mass: Any, stiffness: Any, least: float = _LOST
 ) -> None:
-    """Tell of modes that rounding hides: squares (m,), shapes (n, m).
+    """Warn of modes hidden by rounding errors: squares (m,), shapes (n, m).
 
     Matrices are dense or sparse; ``least``: part of the square of a frequency that may be rounding
-    without a word. What rounding alone leaves of a mode, lost >= `_FREE`, is that of a free body,
-    unless it is large beside the softest coordinate that takes part or is joined to those: nobody
-    can tell a pair of masses on a lost spring from one on none.
+    error without a warning. A mode of rounding errors only, lost >= `_FREE`, is that of a free
+    body, unless it is large relative to the softest coordinate that takes part or is joined to
+    those: a pair of masses on a lost spring equals a pair without a spring.
     """
     lost = _OFF * _spread(shapes, stiffness)
     soft = np.flatnonzero(np.abs(squares) * least < 10 * lost)

@@ -183,7 +183,7 @@ def _cleaned(matrix: Any) -> Any:
 
 
 class Named(NamedTuple):
-    """An array whose rows have names, told in a comment of the file."""
+    """An array whose rows have names, in a comment of the file."""
 
     array: Any
     names: list[str]

@@ -110,7 +110,7 @@ def dense_rest(
     quiet: bool = False,
     parts: Sequence[FloatArray] = (),
 ) -> Rest:
-    """Return all modes of dense matrices; ``quiet``: what rounding hides is told elsewhere.
+    """Return all modes of dense matrices; ``quiet``: another function warns of rounding errors.
 
     ``parts``: the stiffness as a sum, which floating point has rounded.
     """
@@ -154,7 +154,7 @@ def dense_rest(
 
 
 def _matrix_of(modal: ModalDamping, mass: FloatArray, stiffness: FloatArray) -> FloatArray:
-    """Modal and Rayleigh's damping beside what couples the modes, C = M Phi diag(rates) Phi^T M.
+    """Modal and Rayleigh damping with dampers that couple the modes, C = M Phi diag(rates) Phi^T M.
 
     Phi are the modes without damping, Phi^T M Phi = 1.
     """
@@ -163,7 +163,7 @@ def _matrix_of(modal: ModalDamping, mass: FloatArray, stiffness: FloatArray) -> 
     if np.any(modal.loss):
         raise InputError(
             "loss_factor: needs a symmetric stiffness and dampers that leave the modes uncoupled, "
-            "must be 0 beside others (in damping, in elements, or in laws of rates)"
+            "must be 0 with other dampers (in damping, in elements, or in laws of rates)"
         )
     extra = modal.by_mass * mass + modal.by_stiffness * stiffness
     if not np.any(modal.ratio):
@@ -246,7 +246,7 @@ def scaled_condition(matrix: FloatArray) -> float:
 
 
 def _symmetric(matrix: FloatArray) -> bool:
-    """Whether it is but for rounding of each entry, beside the diagonal, and of the largest."""
+    """Whether it is except for rounding of each off-diagonal entry, and of the largest."""
     root = np.sqrt(np.abs(np.diag(matrix)))
     size = np.maximum(np.abs(matrix), np.multiply.outer(root, root))
     lost = 1e-12 * np.maximum(size, size.T) + 4 * _EPS * np.abs(matrix).max(initial=0.0)
@@ -254,7 +254,7 @@ def _symmetric(matrix: FloatArray) -> bool:
 
 
 def _rounding_of(seen: FloatArray, shapes: FloatArray, damping: FloatArray) -> FloatArray:
-    """What rounding leaves of phi_i^T C phi_j, shape (m, m).
+    """Rounding error of phi_i^T C phi_j, shape (m, m).
 
     That of the products, each next to its own terms: one strong damper says nothing of weak ones.
     And that of shapes, which mixes two modes: what damps them alike does not couple them.

@@ -160,7 +160,7 @@ def _of_polynomial(system: PolynomialSystem, name: object) -> Varied:
     places, staying = _places(system, what, group)
     given = system.groups[group].given
     if what == "stiffness" and given is not None:
-        # The entry that was given, beside what is linear in forces.
+        # The given entry, without the linear part of the forces.
         more = system.groups[group].stiffness - given
         staying = {
             i: float(more[names.index(on), names.index(by)]) for (on, by), i in places.items()

@@ -136,7 +136,7 @@ def _other_law(terms: list[ElementTerms], at: int, element: Any, key: str, value
 
 
 def _linear(own: ElementTerms, stiffness: float) -> ElementTerms:
-    """A stiffness beside an element, as a law."""
+    """A stiffness parallel to an element, as a law."""
     code = (_ARGUMENT, _NUMBER, _MULTIPLY)
     law = Law("k*d", ("d",), code, (1.0, stiffness, 0.0), _ODD, 1)
     return ElementTerms(own.direction, {}, 0.0, own.kernel, law)

@@ -28,7 +28,7 @@ _MOST_PRODUCTS = 500
 
 
 def once_each(function: Callable[[Structure], _Told]) -> Callable[[Structure], _Told]:
-    """Let a function remember what it told of a structure, as long as that lives.
+    """Let a function remember its result for a structure, as long as that lives.
 
     Runs of an ensemble differ by their starts and loads, and ask the same of one structure.
     """
