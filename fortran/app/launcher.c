@@ -1,5 +1,5 @@
 /* viscovib-solve of a wheel: becomes the driver that was compiled for what this machine has. The
-   drivers stand beside it, viscovib-solve-x86-64-v2 and so on. */
+   drivers are in the same folder, viscovib-solve-x86-64-v2 and so on. */
 #include <errno.h>
 #include <stdio.h>
 #include <string.h>

@@ -46,7 +46,7 @@ contains
         if (abs(s(j) - s(k)) > 1.0e-9_wp*abs(s(j))) cycle
         if (abs(form%omega(j) - form%omega(k)) <= 1.0e-9_wp*form%omega(j)) cycle
         call fail(status, status_input_error, 'system', 'modes '//show(k)//' and '//show(j) &
-                  //' cannot be told apart once damping and memory act')
+                  //' are indistinguishable with damping and memory')
         return
       end do
     end do

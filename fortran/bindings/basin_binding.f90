@@ -30,7 +30,7 @@ subroutine basin_disturbances(near, width, n, pushes)
   call disturbances(near, pushes)
 end subroutine basin_disturbances
 
-!> Whether an orbit attracts, by the ends of motions beside it; the part of a disturbance left.
+!> True if an orbit attracts, by the ends of perturbed motions; the remaining part of these.
 subroutine basin_judge(ends, ended, width, n, orbit, period, scale, near, of_starts, has_kernels, &
                        attracts, rest)
   use, intrinsic :: iso_c_binding, only: c_double, c_int

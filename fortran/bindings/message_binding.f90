@@ -13,7 +13,7 @@ subroutine last_message_length(n)
   n = kept_length()
 end subroutine last_message_length
 
-!> Take it, n as told by last_message_length: it is kept no longer.
+!> Return the message, n from last_message_length, and delete it.
 subroutine last_message(text, n)
   use, intrinsic :: iso_c_binding, only: c_char, c_int
   implicit none

@@ -5,7 +5,7 @@
 !> The largest size of harmonic `place` (in kept) of coordinate `dof`, both from 1: at one of
 !! the motions at p, ascending, or at a summit between two of them (found = 1); of a single
 !! motion, the summit that the branch leads up to from it between low and high. With wide = 0
-!! only beside the largest motion. peak_x are the harmonics at a single motion's summit.
+!! only next to the largest motion. peak_x are the harmonics at a single motion's summit.
 subroutine mount_peak(flat, n_flat, kind_x, data_x, n_x, kind_phi, data_phi, n_phi, orders, &
                       series, n_rows, n_series, parameter, direction, n_direction, nu, kept, &
                       n_kept, keep_idle, tolerance, p, samples, n, dof, place, low, high, wide, &

@@ -1,13 +1,12 @@
 ! A flat routine over motions of whole periods, for f2py.
 
-!> A motion of a polynomial system from t = 0, in n_steps equal steps h, and what small disturbances
-!! of its start have become at the end: by_start(i, j) is the derivative of number i of the last
-!! state by number j of the first. With beside = 0 they are not followed, and known is 0: the motion
-!! alone takes far less time. A state are coordinates and velocities by turns, then the rates of
-!! what is remembered, n_wide numbers in all; the system, its load and the method as in
-!! `polynomial_simulate`. at_times: states at ascending times, n_reached of them, without what is
-!! remembered. n_passed: surfaces passed; known = 0:
-!! disturbances are not known.
+!> A motion of a polynomial system from t = 0, in n_steps equal steps h, and the derivatives of its
+!! end: by_start(i, j) is the derivative of number i of the last state by number j of the first.
+!! With `beside` = 0 they are not computed, and known is 0: the motion alone takes far less time. A
+!! state consists of coordinates and velocities alternately, then the rates of the hidden states,
+!! n_wide numbers in total. System, load and method are given as in `polynomial_simulate`.
+!! at_times: states at ascending times, n_reached of them, without hidden states. n_passed: number
+!! of surfaces crossed; known = 0: the derivatives are unknown.
 subroutine polynomial_period(flat, n_flat, orders, series, n_rows, n_series, nu, method, thin, &
                              h, n_steps, tolerance, begin, n_wide, times, n_times, beside, last, &
                              by_start, at_times, n_reached, n_passed, known, ended, t_reached, &

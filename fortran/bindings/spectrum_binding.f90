@@ -78,7 +78,7 @@ subroutine fit_residual(signal, n, lines, n_lines, mean, residual)
   call line_residual(signal, fitted, residual)
 end subroutine fit_residual
 
-!> Which part of a displacement has been folded to other frequencies, and whether that is told.
+!> Aliased part of a displacement; `told` = 1: it counts as aliased.
 subroutine aliased_part(u, v, n, step, share, told)
   use, intrinsic :: iso_c_binding, only: c_double, c_int
   use viscovib_aliased_share, only: aliased_share, is_aliased

@@ -1,4 +1,4 @@
-!> The C interface: systems. include/viscovib.h declares it; what is called for is told there.
+!> The C interface: systems. include/viscovib.h declares and documents the calls.
 !!
 !! A system is kept as the groups of a scene. So scenes, the driver and C have one grammar, the same
 !! checks and the same messages, and numbers are written such that they read back to the last bit.

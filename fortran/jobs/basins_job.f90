@@ -100,9 +100,9 @@ contains
       text = text//'computes: motions of up to '//things(self%max_period, 'period') &
              //' of the load'//new_line('a')
     else
-      text = text//'skips: motions that repeat (there is no load: states of rest)'//new_line('a')
+      text = text//'skips: periodic motions (there is no load: equilibria)'//new_line('a')
     end if
-    text = text//'computes: whether each of them attracts, by motions beside it'//new_line('a') &
+    text = text//'computes: stability of each attractor, by perturbed motions'//new_line('a') &
            //plan_unwanted('columns', subject, self%wanted)
   end subroutine plan_basins
 

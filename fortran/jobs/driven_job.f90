@@ -314,8 +314,7 @@ contains
     if (self%symmetric) kept = kept_by_symmetry(self%torus, orders, load, self%parameter)
   end function kept_of
 
-  !> What more orders would change, where that is most; folds and branch points are told how far
-  !! they move.
+  !> Largest change by more harmonics; folds and branch points get estimates of their error.
   subroutine judge(self, job, branch, truncation, status)
     class(tracing_type), intent(in) :: self
     type(driven_job), intent(in) :: job

@@ -19,7 +19,7 @@ module viscovib_event_errors
   type :: differences_type
     real(wp), allocatable :: times(:), apart(:, :)
     real(wp) :: least = 0.0_wp
-    !> Whether states are told in one way, so that those of passages can be compared.
+    !> True if states have a single form, so that those of events can be compared.
     logical :: one_way = .true.
   end type differences_type
 

@@ -30,7 +30,7 @@ module viscovib_extra_columns
 
 contains
 
-  !> Whether the energy that a subject loses can be told.
+  !> Check that the energy loss is available for this subject.
   subroutine check(self, subject, status)
     class(extra_columns), intent(in) :: self
     type(subject_type), intent(in) :: subject
@@ -38,12 +38,12 @@ contains
 
     if (.not. self%dissipation) return
     if (subject%is_turning) then
-      call fail(status, status_input_error, 'dissipation', "dissipation = yes: is not told of a " &
-                //"&body with geometry = 'exact', must be no")
+      call fail(status, status_input_error, 'dissipation', "dissipation = yes: is not available " &
+                //"for a &body with geometry = 'exact', must be no")
     else if (subject%is_structure) then
       if (subject%model%is_reduced .and. subject%model%load%moves_base()) then
-        call fail(status, status_input_error, 'dissipation', 'dissipation = yes: is not told of ' &
-                  //'a &structure with shapes on a moving base, must be no')
+        call fail(status, status_input_error, 'dissipation', 'dissipation = yes: is not ' &
+                  //'available for a &structure with shapes on a moving base, must be no')
       end if
     end if
   end subroutine check
@@ -56,7 +56,7 @@ contains
     !> Frequency (rad/s), factor of the load, and highest order kept, of each motion.
     real(wp), intent(in) :: nu(:), factor(:)
     integer, intent(in) :: highest(:)
-    !> Whether the motions are linear ones, and whether they are told with what the base moves.
+    !> True if the motions are linear, and if they are absolute (with the base motion).
     logical, intent(in) :: linear, absolute
     !> Harmonics of what was solved for, shape (n_orders, n_dof, n).
     complex(wp), intent(in) :: found(:, :, :)

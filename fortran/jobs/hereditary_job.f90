@@ -334,7 +334,7 @@ contains
     renames = self%system%moving
   end function renames
 
-  !> Bodies that turn far are told by one of two vectors; others stay.
+  !> Select the equivalent rotation vector of bodies with large rotations.
   subroutine align(self, run, like)
     class(hereditary_runs), intent(in) :: self
     type(trajectory_type), intent(inout) :: run, like

@@ -1,4 +1,4 @@
-!> What many motions told, and by how much shorter steps change it.
+!> Results of many motions, and their change with a smaller step size.
 module viscovib_many_motions
   use viscovib_kinds, only: wp
   use viscovib_simulate, only: run_coarse, run_completed, run_diverged
@@ -26,7 +26,7 @@ contains
   !! tell the same, the error that rounding leaves is in the difference.
   subroutine compare(coarse, fine, absolute, relative, change, met)
     type(many_motions), intent(in) :: coarse
-    !> Where the same is told, exponents that differ are no better known than that.
+    !> Exponents get an error of at least their difference between the two runs.
     type(many_motions), intent(inout) :: fine
     real(wp), intent(in) :: absolute, relative
     real(wp), intent(out) :: change

@@ -79,7 +79,7 @@ contains
     if (same_type_as(self, self) .and. size(job%initial) > n/thinning*sign) return
   end subroutine make_shaken
 
-  !> Whether states may be told by other numbers, as of bodies that turn far.
+  !> True if states have an equivalent form, as for bodies with large rotations.
   logical function renames(self)
     class(run_maker), intent(in) :: self
     renames = .false. .and. same_type_as(self, self)

@@ -144,7 +144,7 @@ contains
     !> Frequency, and factor of the load, of each motion.
     real(wp), intent(in) :: nu(:), factor(:)
     integer, intent(in) :: orders(:), wanted(:)
-    !> Whether what was solved for is told with what the base moves.
+    !> True if the results are absolute, including the base motion.
     logical, intent(in) :: absolute
     complex(wp), allocatable, intent(inout) :: motions(:, :, :)
     complex(wp) :: y(size(motions, 1), size(motions, 2))

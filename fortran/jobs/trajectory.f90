@@ -154,8 +154,8 @@ contains
     end do
   end function rise_of
 
-  !> What rounding leaves of a motion: of its states, of what stands for kernels, of its phases, and
-  !! what it moves within what times of its states, and paces of it, are rounded.
+  !> Rounding error of a motion: of its states, of sums of exponentials, of its phases, and the
+  !! change of the motion within the rounding errors of times and frequencies.
   pure real(wp) function rounding_of(run) result(rounding)
     type(trajectory_type), intent(in) :: run
     real(wp) :: pace

@@ -185,9 +185,9 @@ contains
 
   end subroutine make_runs
 
-  !> By how much a run differs from one in steps twice as long, and whether both are right. Runs
-  !! that agree may miss a kink alike that is beside an end of all their steps: one in a step more
-  !! of each first one has other ends.
+  !> Difference of a run from a run with twice the step size, and whether both meet the tolerance.
+  !! Both runs may have the same error from a kink next to an end of all their steps. A run with one
+  !! more step for each first step has different ends of steps.
   subroutine judge(maker, job, n, factor, coarse, fine, lost, change, met, status)
     class(run_maker), intent(in) :: maker
     class(transient_job), intent(in) :: job

@@ -26,7 +26,7 @@ module viscovib_event_groups
 
 contains
 
-  !> All of them, as a run looks for them (`new_watch`), and as they are told.
+  !> All events, for a run (`new_watch`) and for messages.
   subroutine read_events(file, coordinates, job, canonical, status)
     type(namelist_type), intent(in) :: file
     character(len=name_length), intent(in) :: coordinates(:)

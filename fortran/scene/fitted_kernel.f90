@@ -82,7 +82,7 @@ contains
     code = nint(max(min(numbers(1), 1000.0_wp), -1000.0_wp))
     kind = code
     p = numbers(2:)
-    ! What is no kernel is told as such, and not scaled.
+    ! An invalid kernel is reported and not scaled.
     call new_kernel(kernel, kind, p, status)
     if (abs(decades) > 0.0_wp .and. .not. status%failed()) then
       call scale_times(kind, p, 10.0_wp**(-decades))

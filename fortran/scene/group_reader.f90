@@ -80,7 +80,7 @@ contains
               self%path//':'//show(self%group%line_of(key))//': '//message)
   end subroutine complain
 
-  !> Fail if keys are there that have no meaning beside the others.
+  !> Fail if the group contains keys that have no meaning together with the other keys.
   subroutine refuse(self, keys, why)
     class(group_reader), intent(inout) :: self
     character(len=*), intent(in) :: keys(:), why

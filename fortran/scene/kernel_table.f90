@@ -71,7 +71,7 @@ contains
     if (ok .and. found == 2) then
       n = n + 1
     else
-      ! What stands there is not told: the scene may come from someone else than its reader.
+      ! The message does not contain the line: the scene may come from a foreign source.
       call fail(status, status_input_error, 'file', 'a line must be two finite numbers, a time ' &
                 //'(s) and a value (1/s)')
     end if

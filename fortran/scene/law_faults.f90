@@ -1,5 +1,5 @@
-!> What is wrong with the text of a law, told of the text as the file has it: with names of
-!! parameters, not their numbers.
+!> Errors in the text of a law. Messages show the text of the file, with names of parameters
+!! instead of their numbers.
 module viscovib_law_faults
   use viscovib_group_reader, only: group_reader
   use viscovib_law_program, only: law_program
@@ -13,7 +13,7 @@ module viscovib_law_faults
 
 contains
 
-  !> Refuse a law; a name that is none is told with the parameter that it is nearest to.
+  !> Refuse a law. The message for an unknown name contains the nearest parameter.
   subroutine complain_of_law(reader, key, text, fault, arguments)
     type(group_reader), intent(inout) :: reader
     !> Its key, and what was read: numbers stand for names.

@@ -34,8 +34,8 @@ contains
   !> Read the group, if there is one, and put its numbers into the laws of all groups.
   subroutine read_parameters(file, unused, echo, status)
     type(namelist_type), intent(inout) :: file
-    !> What is wrong with the first that is in no law, empty if all are in one: told last, since a
-    !! name in a law may be the one that is misspelt.
+    !> Error of the first parameter that is in no law, empty if all are used. It is reported last,
+    !! because a name in a law may be misspelt.
     character(len=:), allocatable, intent(out) :: unused
     !> Gets the canonical text of the group added.
     type(growing_text), intent(inout) :: echo
@@ -107,7 +107,7 @@ contains
     end associate
   end subroutine check_name
 
-  !> A law with numbers for names; what was written is kept beside it.
+  !> A law with numbers instead of names. The original text is kept.
   subroutine put_numbers(entry, known)
     type(entry_type), intent(inout) :: entry
     type(parameter_type), intent(inout) :: known(:)

@@ -83,8 +83,8 @@ contains
     character(len=*), intent(in) :: line
     !> Whether entries have places, else all of them are there, column by column.
     logical, intent(out) :: in_places
-    !> What stands above the diagonal, where only what is below is told: 1 the same, -1 its
-    !! negative; 0: all is told.
+    !> Entries above the diagonal if the file contains only those below: 1 the same, -1 the
+    !! negative; 0: the file contains all entries.
     integer, intent(out) :: sign_below
     type(status_type), intent(out) :: status
     character(len=20) :: words(5)

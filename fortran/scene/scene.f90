@@ -41,7 +41,7 @@ module viscovib_scene
     class(job_type), allocatable :: job
     !> Line of the first &sweep, 0 without: one point is computed, or a grid of them.
     integer :: sweep_line = 0
-    !> The group of what is wanted, whose lines failures of the work are told with.
+    !> The group of the result. Its lines are part of error messages of the computation.
     type(group_type) :: asked
     !> Whether it was read from a text that stands for the file, whose lines are others.
     logical :: of_text = .false.

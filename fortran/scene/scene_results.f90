@@ -252,7 +252,7 @@ contains
     end if
   end subroutine check_structure
 
-  !> The &spectrum group beside &transient.
+  !> The &spectrum group of a scene with &transient.
   subroutine read_spectrum_of(reader, subject, job)
     type(group_reader), intent(inout) :: reader
     type(subject_type), intent(in) :: subject

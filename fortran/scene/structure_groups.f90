@@ -271,7 +271,7 @@ contains
     if (i > 0) is_file = reader%group%entries(i)%values(1)%quoted
   end function is_file
 
-  !> A matrix beside the scene.
+  !> A matrix from a file in the folder of the scene.
   subroutine read_file(reader, key, most_rows, matrix, names)
     type(group_reader), intent(inout) :: reader
     character(len=*), intent(in) :: key

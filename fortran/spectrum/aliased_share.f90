@@ -1,4 +1,4 @@
-!> Whether states stand so far apart that swings between them are told at other frequencies.
+!> Aliasing: states too far apart for the frequencies of a motion.
 module viscovib_aliased_share
   use viscovib_constants, only: pi
   use viscovib_fourier, only: real_spectrum
@@ -45,7 +45,7 @@ contains
     if (size_of_u > 0.0_wp) share = norm2([abs(rate)])/sqrt(real(n, wp))/size_of_u
   end function aliased_share
 
-  !> Whether such a part of n states is told.
+  !> True if such a part of n states counts as aliased.
   pure logical function is_aliased(share, n)
     real(wp), intent(in) :: share
     integer, intent(in) :: n

@@ -311,7 +311,7 @@ contains
       if (slowest <= rounding*fastest) then
         ! Rigid bodies and springs that rounding hides look alike here.
         call fail(status, status_input_error, 'damping', 'damping: couples the modes, whose ' &
-                  //'slowest has a rate of '//show(slowest)//' 1/s beside '//show(fastest) &
+                  //'slowest has a rate of '//show(slowest)//' 1/s, the fastest '//show(fastest) &
                   //' 1/s: a rigid body, or so soft that rounding hides it; the ratio must be ' &
                   //'above '//show(rounding)//', or the damping leave the modes uncoupled')
         return

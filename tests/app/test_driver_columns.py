@@ -113,7 +113,7 @@ REFUSED = {
     + "\n&branch vary='mass' nu=1 from=1 to=2 sampling='yes' /",
     ":3: dissipation = yes: the system changes along a branch over offset": MOUNT
     + "\n&branch vary='offset' nu=1 from=1 to=2 dissipation='yes' /",
-    ":4: dissipation = yes: is not told of a &body with geometry = 'exact', must be no": BODY
+    ":4: dissipation = yes: is not available for a &body with geometry = 'exact', must be no": BODY
     + "\n&response nu=1 dissipation='yes' method='newton' /",
 }
 

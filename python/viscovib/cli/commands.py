@@ -123,7 +123,7 @@ def _parser() -> argparse.ArgumentParser:
             command.add_argument(
                 "--json",
                 action="store_true",
-                help="print a line of JSON per scene instead of words",
+                help="print a line of JSON per scene instead of text",
             )
         command.add_argument(
             "--allow-paths", action="store_true",
@@ -267,17 +267,17 @@ def _complete(options: argparse.Namespace) -> int:
 
 #: Subcommands: name, what does it, what it does.
 _COMMANDS: tuple[tuple[str, Callable[[argparse.Namespace], int], str], ...] = (
-    ("run", _each(_run), "compute scenes; write their tables and pictures"),
-    ("plan", _each(_plan), "say what scenes would compute and what is skipped, and why"),
-    ("plot", _each(_plot), "compute scenes and write only their pictures"),
-    ("sweep", _each(run_sweep), "compute a scene at every point of a grid; stopped, it goes on"),
+    ("run", _each(_run), "compute scenes and write their tables and figures"),
+    ("plan", _each(_plan), "print what scenes compute and what is skipped, and why"),
+    ("plot", _each(_plot), "compute scenes and write their figures only"),
+    ("sweep", _each(run_sweep), "compute a scene over a grid; an interrupted sweep continues"),
     (
         "explore",
         explore_command.run_explore,
-        "open a scene in the browser, a slider for each number",
+        "open a scene in the browser, with a slider for each number",
     ),
     ("bench", _each(bench.run_bench), "measure times and errors of scenes on this machine"),
-    ("completion", _complete, "print what completes this command in a shell"),
+    ("completion", _complete, "print the completion script of a shell"),
 )
 
 

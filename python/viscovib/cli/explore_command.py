@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 def add_options(command: argparse.ArgumentParser) -> None:
     """Options of the command."""
     command.add_argument(
-        "--keys", metavar="KEY,KEY", help="numbers that get a slider, as mount.stiffness_x"
+        "--keys", metavar="KEY,KEY", help="numbers with a slider, such as mount.stiffness_x"
     )
     command.add_argument("--port", type=int, default=0, help="port of the server (any free one)")
     command.add_argument(
@@ -22,7 +22,7 @@ def add_options(command: argparse.ArgumentParser) -> None:
     )
     command.add_argument(
         "--sheet", action="store_true",
-        help="no page: a picture of what each number does, into the folder of --out",
+        help="no page: a figure with the effect of each number, in the folder of --out",
     )  # fmt: skip
 
 

@@ -34,11 +34,11 @@ def add_options(command: argparse.ArgumentParser) -> None:
     )  # fmt: skip
     command.add_argument(
         "--checkpoint", type=Path, metavar="FOLDER",
-        help="where results are kept and resumed from (OUT/SCENE_sweep.zarr)",
+        help="folder of the results, from which a sweep resumes (OUT/SCENE_sweep.zarr)",
     )  # fmt: skip
     command.add_argument(
         "--errors", choices=("raise", "keep"), default="raise",
-        help="what a point that fails does: end the sweep, or leave a gap",
+        help="treatment of a point that fails: end the sweep, or leave a gap",
     )  # fmt: skip
     command.add_argument("--all", action="store_true", help="keep whole curves, not a few numbers")
     command.add_argument("--threads", type=int, help="threads (as many as processors)")
