@@ -90,7 +90,9 @@ contains
       trajectory%t = [trajectory%t_reached]
       allocate (trajectory%states(size(job%initial), 1))
       trajectory%states(:, 1) = trajectory%last
-      trajectory%looks = states(:, :trajectory%n_steps/every)
+      allocate (trajectory%looks(size(job%initial), 1 + trajectory%n_steps/every))
+      trajectory%looks(:, 1) = job%initial
+      trajectory%looks(:, 2:) = states(:, :trajectory%n_steps/every)
       return
     end if
     kept = trajectory%n_steps/every

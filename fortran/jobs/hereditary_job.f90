@@ -267,7 +267,9 @@ contains
       allocate (trajectory%states(size(self%first), 1))
       trajectory%states(:, 1) = self%first
       if (reason /= begun) return
-      trajectory%looks = states(:, :trajectory%n_steps/every)
+      allocate (trajectory%looks(size(self%first), 1 + trajectory%n_steps/every))
+      trajectory%looks(:, 1) = self%first
+      trajectory%looks(:, 2:) = states(:, :trajectory%n_steps/every)
       call run%observe(u, v)
       call base%add_to(trajectory%t_reached, u, v)
       trajectory%states(1::2, 1) = u
@@ -369,10 +371,7 @@ contains
     integer :: past
 
     call set_ok(status)
-    solved = job%tolerance
-    if (job%relative > 0.0_wp) solved = job%relative
-    if (job%tolerance > 0.0_wp) solved = min(solved, job%tolerance)
-    solved = max(self%sharper*(0.1_wp*solved), rounding)
+    solved = max(self%sharper*(0.1_wp*job%wanted()), rounding)
     solved = max(solved/real(n/self%n_first, wp)**3, rounding)
     ! Without memory the step alone shall decide the error.
     if (job%dt <= 0.0_wp .and. .not. any(self%system%kernel_of > 0)) solved = rounding
@@ -449,7 +448,7 @@ contains
       if (first == 0) cycle
       text = text//'computes: memory of '//things(first, 'force')//' with kernel '//show(k)//', '
       ! The step is not known before it is found; one of 1/4 tells the size.
-      call system%kernels(k)%exponentials(error_of_sums(0.1_wp*job%tolerance, least), &
+      call system%kernels(k)%exponentials(error_of_sums(0.1_wp*job%wanted(), least), &
                                                  least*table%points(1), reach*job%t_end, weights, &
                                                  rates)
       if (job%past == keep_direct .or. size(rates) == 0) then

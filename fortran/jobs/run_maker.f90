@@ -11,6 +11,8 @@ module viscovib_run_maker
   real(wp), parameter :: rounding = 1.0e-15_wp
   !> Looks on the way to a last state, first steps between two.
   integer(i8), parameter :: most_looks = 24_i8, least_between = 16_i8
+  !> Error that is wanted if none is given, as a part of the size of the motion.
+  real(wp), parameter, public :: part_of_size = 1.0e-10_wp
 
   type :: transient_job
     !> (q_1, v_1, q_2, v_2, ...) at time 0.
@@ -18,8 +20,8 @@ module viscovib_run_maker
     real(wp) :: t_end = 0.0_wp
     !> Step, shortened to fit; 0: found by `tolerance`.
     real(wp) :: dt = 0.0_wp
-    !> Wanted error of the states; 0: to rounding, where dt is given.
-    real(wp) :: tolerance = 1.0e-10_wp
+    !> Wanted error of the states; 0: to rounding where dt is given, else relative (`by_size`).
+    real(wp) :: tolerance = 0.0_wp
     !> Place in `transient_methods`.
     integer :: method = 1
     !> Steps between states kept.
@@ -35,6 +37,8 @@ module viscovib_run_maker
     real(wp), allocatable :: held(:)
   contains
     procedure :: allowed
+    procedure :: by_size
+    procedure :: wanted
     procedure :: allowed_at_stop
     procedure :: steps_apart
     procedure :: solved
@@ -99,14 +103,36 @@ contains
     real(wp) :: largest
     largest = max(1.0_wp, maxval(abs(run%states)))
     allowed = self%tolerance*largest + self%relative*max(largest, run%t_reached)
+    if (self%by_size()) allowed = part_of_size*largest
   end function allowed_at_stop
 
-  !> Errors allowed in each row of states.
-  pure function allowed(self, states)
+  !> True if errors are relative to the size of the motion: its largest displacement for
+  !! displacements, the largest of all numbers for velocities.
+  pure logical function by_size(self)
     class(transient_job), intent(in) :: self
-    real(wp), intent(in) :: states(:, :)
-    real(wp) :: allowed(size(states, 1))
-    allowed = maxval(abs(states), 2)
+    by_size = .not. max(self%dt, self%tolerance, self%relative) > 0.0_wp
+  end function by_size
+
+  !> The smallest error that is wanted, of a motion of size 1; 0: to rounding.
+  pure real(wp) function wanted(self)
+    class(transient_job), intent(in) :: self
+    wanted = self%tolerance
+    if (self%relative > 0.0_wp) wanted = self%relative
+    if (self%tolerance > 0.0_wp) wanted = min(wanted, self%tolerance)
+    if (self%by_size()) wanted = part_of_size
+  end function wanted
+
+  !> Errors allowed in each row of states of a run.
+  pure function allowed(self, run)
+    class(transient_job), intent(in) :: self
+    type(trajectory_type), intent(in) :: run
+    real(wp) :: allowed(size(run%states, 1))
+    allowed = run%sizes()
+    if (self%by_size()) then
+      allowed(2::2) = part_of_size*maxval(allowed)
+      allowed(1::2) = part_of_size*maxval(allowed(1::2))
+      return
+    end if
     ! A row that is hardly more than rounding of the others is not judged by itself.
     allowed = self%tolerance + self%relative*max(allowed, 1.0e-6_wp*maxval(allowed))
   end function allowed
@@ -116,8 +142,14 @@ contains
     class(transient_job), intent(in) :: self
     integer(i8), intent(in) :: n
     integer, intent(in) :: thinning
-    steps_apart = merge(max(least_between, n/thinning/most_looks), int(self%save_every, i8), &
-                        self%last_only)*thinning
+    steps_apart = self%save_every
+    if (self%last_only) then
+      associate (first => n/thinning)
+        ! Odd: four of the first steps may be a period.
+        steps_apart = ior(max(min(least_between, first/4), first/most_looks), 1_i8)
+      end associate
+    end if
+    steps_apart = steps_apart*thinning
     if (self%last_only .and. self%dt > 0.0_wp) steps_apart = n + 1
   end function steps_apart
 

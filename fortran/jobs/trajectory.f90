@@ -58,6 +58,7 @@ module viscovib_trajectory
   contains
     procedure :: spread_out
     procedure :: row_of
+    procedure :: sizes
   end type trajectory_type
 
 contains
@@ -105,7 +106,7 @@ contains
     end if
     grown = maxval(abs(other%states - run%states), 2)
     ! What has become as large as the motion says nothing of what is smaller.
-    where (grown <= linear*maxval(abs(run%states), 2)) grown = part*grown
+    where (grown <= linear*run%sizes()) grown = part*grown
   end function grown_of
 
   !> What the difference of two runs tells that roundings become; huge: it does not tell it. Errors
@@ -220,6 +221,14 @@ contains
     end if
     call move_alloc(states, self%states)
   end subroutine spread_out
+
+  !> Largest value of each row of states, on the way too.
+  pure function sizes(self)
+    class(trajectory_type), intent(in) :: self
+    real(wp) :: sizes(size(self%states, 1))
+    sizes = maxval(abs(self%states), 2)
+    if (allocated(self%looks)) sizes = max(sizes, maxval(abs(self%looks), 2))
+  end function sizes
 
   !> Row of the states that holds a coordinate; its velocity is the next.
   pure integer function row_of(self, coordinate) result(row)

@@ -64,7 +64,7 @@ contains
       return
     end if
     if (job%tolerance < min_time_tolerance .or. job%tolerance > max_time_tolerance) then
-      if (.not. ((job%dt > 0.0_wp .or. job%relative > 0.0_wp) .and. job%tolerance == 0.0_wp)) then
+      if (abs(job%tolerance) > 0.0_wp) then
         call fail(status, status_input_error, 'tolerance', 'tolerance = '//show(job%tolerance) &
                   //': must be in [1e-13, 1]')
         return

@@ -7,7 +7,7 @@ module viscovib_transient_job
   use viscovib_event_errors, only: differences_type, find_differences, tell_error
   use viscovib_kinds, only: i8, wp
   use viscovib_limits, only: min_time_tolerance
-  use viscovib_run_maker, only: run_maker, transient_job
+  use viscovib_run_maker, only: part_of_size, run_maker, transient_job
   use viscovib_simulate, only: run_completed, run_event, run_names, run_stopped
   use viscovib_status, only: fail, set_ok, show, status_input_error, status_type
   use viscovib_trajectory, only: change_of, compare, grown_of, hopeless, off_of, risen, &
@@ -205,7 +205,7 @@ contains
     apart = parted(maker, job, coarse, fine)
     change = max(change_of(coarse, fine), apart)
     if (change < huge(1.0_wp) .and. fine%outcome == run_completed) then
-      allowed = job%allowed(fine%states)
+      allowed = job%allowed(fine)
       met = .not. apart > 0.0_wp .and. all(off_of(coarse, fine) <= allowed)
     else
       allowed = job%allowed_at_stop(fine)
@@ -269,7 +269,7 @@ contains
     growth%told = maxval(growth%grown)
     change = max(change, growth%told)
     allowed = job%allowed_at_stop(fine)
-    if (fine%outcome == run_completed) allowed = job%allowed(fine%states)
+    if (fine%outcome == run_completed) allowed = job%allowed(fine)
     if (all(growth%grown <= allowed)) return
     if (.not. all(growth%grown < huge(1.0_wp))) then
       call fail(status, status_input_error, 'tolerance', told(job)//': not met: with numbers of ' &
@@ -316,7 +316,7 @@ contains
     other%states = fine%looks
     call maker%align(one, other)
     off = maxval(abs(other%states - one%states), 2)
-    allowed = max(job%allowed(other%states), one_motion*maxval(abs(other%states), 2))
+    allowed = max(job%allowed(other), one_motion*maxval(abs(other%states), 2))
     if (any(off > allowed)) change = maxval(off)
   end function parted
 
@@ -347,6 +347,7 @@ contains
     class(transient_job), intent(in) :: job
     character(len=:), allocatable :: told
     told = 'tolerance = '//show(job%tolerance)
+    if (job%by_size()) told = 'tolerance = '//show(part_of_size)//' of the size of the motion'
     if (job%relative > 0.0_wp) told = 'rtol = '//show(job%relative)//', atol = ' &
                                       //show(job%tolerance)
   end function told
@@ -362,8 +363,8 @@ contains
     largest = maxval(abs(last%states))
     if (last%outcome /= run_completed) then
       text = 'the run is '//trim(run_names(last%outcome))//' at t = '//show(last%t_reached)
-    else if (job%tolerance + job%relative*largest < min_time_tolerance*largest &
-             .and. change < 1.0e-6_wp*largest) then
+    else if (.not. job%by_size() .and. change < 1.0e-6_wp*largest &
+             .and. job%tolerance + job%relative*largest < min_time_tolerance*largest) then
       text = 'the motion is as large as '//show(largest)//', and the tolerance is near its ' &
              //'rounding: give rtol'
     else

@@ -112,9 +112,7 @@ contains
 
     job%relative = reader%read_real('rtol', 0.0_wp)
     absolute = reader%read_real('atol', 0.0_wp)
-    job%tolerance = 1.0e-10_wp
-    if (job%dt > 0.0_wp .or. job%relative > 0.0_wp .or. absolute > 0.0_wp) job%tolerance = absolute
-    job%tolerance = reader%read_real('tolerance', job%tolerance)
+    job%tolerance = reader%read_real('tolerance', absolute)
     if (job%relative > 0.0_wp .or. absolute > 0.0_wp) then
       if (abs(job%tolerance - absolute) > 0.0_wp) then
         call reader%complain('tolerance', 'tolerance = '//show(job%tolerance)//': is atol ' &

@@ -42,6 +42,29 @@ def test_motions_of_driver_and_python_agree_to_the_last_bit(solve, tmp_path, cha
             assert (table[name] == again[name]).all()
 
 
+@pytest.mark.parametrize("keep", ["all", "last"])
+@pytest.mark.parametrize("kernel", ["", "\n&kernel kind='prony', weights=0.2, rates=1.5 /"])
+def test_the_default_accuracy_is_relative_to_the_motion(solve, tmp_path, kernel, keep):
+    """As in Python: the same motion in other units of length, to the same part of its size."""
+    found = []
+    for unit in (2.0**-30, 1.0, 2.0**20):
+        scene = tmp_path / f"motion{unit:g}.nml"
+        scene.write_text(
+            "&system coordinates='x', mass=1, stiffness=1, damping=0.1 /\n"
+            f"&force on='x', law='{0.5 / unit**2!r}*x^3' /{kernel}\n"
+            f"&transient t_end=25, initial={unit!r} 0, keep='{keep}' /\n"
+        )
+        done = solve(scene, "--out", tmp_path)
+        assert done.returncode == 0, done.stderr
+        table = read_csv(tmp_path / f"motion{unit:g}_transient.csv")
+        found.append(np.array([np.atleast_1d(table[name]) / unit for name in ("x", "x_dot")]))
+        assert str(vv.plan(scene)).splitlines() == solve(scene, "--plan").stdout.splitlines()
+        run = vv.run(scene).trajectory
+        assert np.abs(run.state.T[:, -1] / unit - found[-1][:, -1]).max() <= 1e-12
+    for other in found:
+        np.testing.assert_allclose(other, found[1], rtol=0, atol=1e-12)
+
+
 @pytest.mark.parametrize(
     "group",
     [

@@ -36,6 +36,42 @@ def test_easy_conservative_motions_need_few_steps():
     assert np.abs(run.state[-1] - right.y[:, -1]).max() < 1e-9
 
 
+@pytest.mark.parametrize("kept", [{}, {"keep": "last"}, {"times": [25.0]}])
+@pytest.mark.parametrize("kernel", [None, vv.PronyKernel(weights=[0.2], rates=[1.5])])
+@pytest.mark.parametrize("seed", range(3))
+def test_the_default_accuracy_does_not_depend_on_the_unit_of_length(seed, kernel, kept):
+    """A motion in other units of length takes the same steps, and is the same in these units."""
+    rng = np.random.default_rng(seed)
+    cubic, amplitude, nu = rng.uniform([0.2, 0.1, 0.5], [1.0, 0.5, 2.0]).tolist()
+
+    def motion(unit):
+        system = vv.PolynomialSystem(
+            mass=1, stiffness=1, damping=0.05, forces=f"{cubic / unit**2!r}*x^3", kernel=kernel
+        )
+        start = [unit, 0.5 * unit]
+        return vv.simulate(system, 25, initial=start, load=amplitude * unit, nu=nu, **kept)
+
+    one = motion(1.0)
+    assert one.error <= 1e-10 * max(1.2, np.abs(one.state).max())
+    for unit in (2.0**-30, 2.0**20):
+        other = motion(unit)
+        assert other.stats["steps"] == one.stats["steps"]
+        np.testing.assert_allclose(other.state / unit, one.state, rtol=0, atol=1e-12)
+        assert other.error / unit <= 1e-10 * max(1.2, np.abs(one.state).max())
+
+
+@pytest.mark.parametrize("start", [[1.0, 0.0], [0.0, 1.0]])
+@pytest.mark.parametrize("end", [0.5 * math.pi, math.pi, 40 * math.pi])
+@pytest.mark.parametrize("wanted", [{}, {"rtol": 1e-8}])
+def test_the_size_of_a_motion_is_not_that_of_its_last_state(start, end, wanted):
+    """The last displacement or velocity of these is 0."""
+    linear = vv.PolynomialSystem(mass=1, stiffness=1)
+    turned = np.array([[math.cos(end), math.sin(end)], [-math.sin(end), math.cos(end)]]) @ start
+    for kept in ({"keep": "last"}, {"times": [end]}):
+        run = vv.simulate(linear, end, initial=start, **kept, **wanted)
+        np.testing.assert_allclose(run.state[-1], turned, rtol=0, atol=1e-12)
+
+
 @pytest.mark.parametrize("size", [1e-9, 1.0, 1e4])
 def test_relative_accuracy_is_the_same_at_every_size(size):
     linear = vv.PolynomialSystem(mass=1, stiffness=4, damping=0.1)
@@ -69,7 +105,11 @@ def test_no_error_is_zero_but_of_no_motion():
 @pytest.mark.parametrize(
     ("system", "arguments", "message"),
     [
-        (vv.PolynomialSystem(mass=1, stiffness=4), {"initial": [9e5, 0]}, "give rtol"),
+        (
+            vv.PolynomialSystem(mass=1, stiffness=4),
+            {"initial": [9e5, 0], "tolerance": 1e-10},
+            "give rtol",
+        ),
         (
             duffing(stiffness=-1.0, damping=0.25),
             {"initial": [0.1, 0], "load": 0.3, "nu": 1.0, "t_end": 300},

@@ -263,7 +263,7 @@ def test_what_is_refused(call, told):
 def test_a_tolerance_that_is_not_met_is_told(element):
     """Of a motion that grows by 1e14 no digit is left; laws beside make it try once more."""
     with pytest.raises(vv.InputError, match="tolerance = 1e-10: not met with"):
-        vv.simulate(body(element, k=-1.0, c=0.0), 35, load=[0.3], nu=1.3)
+        vv.simulate(body(element, k=-1.0, c=0.0), 35, load=[0.3], nu=1.3, tolerance=1e-10)
 
 
 @pytest.mark.parametrize(

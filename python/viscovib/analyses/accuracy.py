@@ -26,19 +26,25 @@ _MOST_STATES = 100_000
 
 @dataclass(frozen=True)
 class Accuracy:
-    """Errors allowed: ``absolute``, and ``relative`` to the largest value of each column."""
+    """Errors allowed: ``absolute``, and ``relative`` to the largest value of each column.
+
+    ``by_size``: relative to the size of the motion instead, which for displacements is the largest
+    displacement, for velocities the largest of all numbers.
+    """
 
     absolute: float
     relative: float = 0.0
+    by_size: bool = False
 
     @classmethod
     def checked(
         cls, tolerance: float | None, rtol: float | None, atol: float | None, default: float | None
     ) -> "Accuracy | None":
-        """Check the arguments; None: nothing was given and there is no default."""
+        """Check the arguments; ``default``: relative to the size of the motion, None: none."""
         if rtol is None and atol is None:
-            given = default if tolerance is None else TIME_TOLERANCE.check(tolerance)
-            return None if given is None else cls(given)
+            if tolerance is not None:
+                return cls(TIME_TOLERANCE.check(tolerance))
+            return None if default is None else cls(0.0, default, by_size=True)
         if tolerance is not None:
             raise InputError(
                 "tolerance, rtol and atol: tolerance is another name of atol, give one of them"
@@ -57,21 +63,34 @@ class Accuracy:
     def allowed(self, states: FloatArray) -> FloatArray:
         """Largest error allowed in each column of states."""
         sizes = np.abs(states).max(axis=0, initial=0.0)
+        if self.by_size:
+            pair = sizes[::2].max(initial=0.0), sizes.max(initial=0.0)
+            return self.relative * np.tile(pair, sizes.size // 2)
         sizes = np.maximum(sizes, _SMALLEST * sizes.max(initial=0.0))
         return np.asarray(self.absolute + self.relative * sizes)
 
     @property
     def text(self) -> str:
         """What is allowed, in words."""
+        if self.by_size:
+            return f"{self.relative:g} of the size of the motion"
         if self.relative == 0:
             return f"{self.absolute:g}"
         return f"{self.absolute:g} and {self.relative:g} of the largest"
 
     def __str__(self) -> str:
         """Say it as it was given."""
+        if self.by_size:
+            return f"tolerance = {self.relative:g} of the size of the motion"
         if self.relative == 0:
             return f"tolerance = {self.absolute:g}"
         return f"rtol = {self.relative:g}, atol = {self.absolute:g}"
+
+
+def along(run: "Trajectory") -> FloatArray:
+    """States of a run, and those on the way that it does not keep."""
+    looks = [] if run._resume is None else run._resume.looks
+    return np.concatenate([looks, run.state]) if len(looks) else run.state
 
 
 def rounding_of(states: FloatArray) -> float:
@@ -99,7 +118,7 @@ def reason(coarse: "Trajectory", fine: "Trajectory", want: Accuracy) -> str:
     if coarse.state.shape != fine.state.shape:
         return "the two runs end at different times"
     parts = np.abs(fine.state - coarse.state)
-    allowed = want.allowed(fine.state)
+    allowed = want.allowed(along(fine))
     worst = int((parts.max(axis=0) / np.maximum(allowed, 1e-300)).argmax())
     part, size = parts[:, worst], float(np.abs(fine.state[:, worst]).max())
     if allowed[worst] < 1e-13 * size and part.max() < 1e-6 * size:

@@ -174,8 +174,7 @@ def simulate_ensemble(
     members = members_of(system, initial, parameters, load, nu, method, surface, some)
     exponents = 2 * len(members.dof_names) if all_of_them else int(some)
     place = SIDE_BY_SIDE.get(members.method_name, 0)
-    wanted = Accuracy.checked(tolerance, rtol, atol, 1e-8)
-    assert wanted is not None
+    wanted = Accuracy.checked(tolerance, rtol, atol, None) or Accuracy(1e-8)
     every = _native.integer("sample_every", sample_every, 1, _MAX_STEPS)
     lines = np.empty(0)
     if amplitudes_at is not None:

@@ -11,7 +11,7 @@ from functools import partial
 import numpy as np
 
 from viscovib._native import FloatArray
-from viscovib.analyses.accuracy import rounding_of
+from viscovib.analyses.accuracy import along, rounding_of
 from viscovib.analyses.event_errors import with_event_errors
 from viscovib.analyses.runs import SHAKEN, difference, least_error, told_in_one_way
 from viscovib.common.plan import Plan
@@ -53,7 +53,7 @@ def _grown(run: Trajectory, other: Trajectory | None) -> FloatArray:
     if run.outcome == "completed":
         apart = np.abs(other.state - told_in_one_way(run, other).state).max(axis=0)
         # What has become as large as the motion says nothing of what is smaller.
-        sizes = np.abs(run.state).max(axis=0)
+        sizes = np.abs(along(run)).max(axis=0)
         return np.asarray(np.where(apart > _LINEAR * sizes, apart, part * apart))
     return np.array([part * difference(run, other)])
 

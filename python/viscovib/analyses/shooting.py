@@ -96,8 +96,9 @@ def steady_motion(
     method : {"auto", "gauss8", "gauss16"}
         As for `simulate`; "auto" is "gauss8". "gauss16" for at most 6 coordinates without memory.
     tolerance : float
-        Absolute error of the state at t = 0, velocities divided by ``nu``, 1e-13 to 1 (default
-        1e-10): the step size is halved until the state no longer changes.
+        Absolute error of the state at t = 0, velocities divided by ``nu``, 1e-13 to 1
+        (default: 1e-10 times the largest entry): the step size is halved until the state no longer
+        changes.
     rtol, atol : float
         Instead of ``tolerance``: atol + rtol times the largest entry.
 

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from viscovib._native import FloatArray
-from viscovib.analyses.accuracy import Accuracy, most_states, parts_for_peaks, reason
+from viscovib.analyses.accuracy import Accuracy, along, most_states, parts_for_peaks, reason
 from viscovib.analyses.estimates import Growth, looks_of
 from viscovib.analyses.event_errors import with_event_errors
 from viscovib.analyses.runs import (
@@ -102,7 +102,7 @@ def by_tolerance(
         ends, ends_before = _every(fine, parts), _every(coarse, held)
         change = difference(ends_before, ends)
         completed = "completed" == coarse.outcome == fine.outcome
-        most = want.allowed(ends.state) if completed else _allowed_at_stop(ends, want)
+        most = want.allowed(along(ends)) if completed else _allowed_at_stop(ends, want)
         if completed:
             parted = _parted(coarse, fine, want)
             agreed = not parted and agree(ends_before, ends, want)
@@ -144,7 +144,7 @@ def by_tolerance(
                 change_inside = np.abs(two[1].state - told_in_one_way(*two).state)
                 gain = _gain(coarse, 2 * held // factor, fine, parts // factor)
                 error = change_inside[1:].reshape(len(gain), -1, gain.shape[1]).max(axis=1) / gain
-                allowed = np.maximum(want.allowed(ends.state), 1e-300)
+                allowed = np.maximum(want.allowed(along(ends)), 1e-300)
                 beyond = error.max(axis=0) / allowed
                 if (beyond <= 1).all():
                     kept._resume.kept_of_step = needed // factor
@@ -359,6 +359,8 @@ def _keeps_all(run: Trajectory) -> bool:
 def _allowed_at_stop(run: Trajectory, want: Accuracy) -> float:
     """Largest error allowed of a motion that stops: absolute of 1 or of a state that runs away."""
     size = max(1.0, _size(run))
+    if want.by_size:
+        return want.relative * size
     return want.absolute * size + want.relative * max(size, run.t_reached)
 
 
@@ -381,4 +383,4 @@ def _apart(coarse: Trajectory, fine: Trajectory, want: Accuracy) -> float:
     if coarse.state.shape != fine.state.shape:
         return math.inf
     parts = np.abs(fine.state - told_in_one_way(coarse, fine).state).max(axis=0)
-    return float((parts / np.maximum(want.allowed(fine.state), 1e-300)).max())
+    return float((parts / np.maximum(want.allowed(along(fine)), 1e-300)).max())

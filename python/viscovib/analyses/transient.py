@@ -124,9 +124,10 @@ def simulate(
         memory, with at most 6 coordinates, under a ``force`` and a ``load`` with harmonics up to
         399 only, has both groups of methods. All other systems have those of a mount.
     tolerance : float
-        Absolute error of the kept states, 1e-13 to 1. With ``dt="auto"`` (default 1e-10) it
-        determines the step size. With a given ``dt`` it is only the accuracy of the equations of a
-        step and of the sums of exponentials (default: rounding error).
+        Absolute error of the kept states, 1e-13 to 1. With ``dt="auto"`` it determines the step
+        size; default: displacements within 1e-10 of the largest displacement, velocities within
+        1e-10 of the largest displacement or velocity. With a given ``dt`` it is only the accuracy
+        of the equations of a step and of the sums of exponentials (default: rounding error).
     rtol, atol : float
         With ``dt="auto"``, instead of ``tolerance``: the error of each coordinate and velocity is
         at most atol + rtol times its largest value in the run (rtol 1e-13 to 1; default of atol:
@@ -426,7 +427,9 @@ class _Steps:
         looks = 0
         # Where all is kept nothing has to be looked at on the way.
         if looking and (self.want.keep != "all" or self.want.times is not None):
-            looks = max(_BETWEEN, (n if mesh is None else mesh.count) // _LOOKS)
+            count = n if mesh is None else mesh.count
+            # Odd: four of the first steps may be a period.
+            looks = max(min(_BETWEEN, count // 4), count // _LOOKS) | 1
 
         def begun(h: float, factor: int) -> Run:
             made = self.make(h)
@@ -441,6 +444,7 @@ class _Steps:
                     kept = self.want.at(mesh.all_times(parts))
                 made = begun(finer.h, factor).on(finer)
                 made.look_every = looks * factor
+                made.looks = [made.state] if looks else []
                 return made.steps(finer.count, kept, self.progress)
             steps = n * factor
             if parts > factor:
@@ -450,6 +454,7 @@ class _Steps:
             made = begun(self.end / steps, factor)
             made.goal = steps, self.end
             made.look_every = looks * factor
+            made.looks = [made.state] if looks else []
             return made.steps(steps, kept, self.progress)
 
         return run

@@ -254,6 +254,7 @@ class WholeRun(PolynomialRun):
         places = np.arange(len(structure.dof_names)) if self.places is None else self.places
         columns = self.event_columns()
         given["state"] = run.state[:, columns]
+        run._resume.looks = [one[columns] for one in run._resume.looks]
         given["events"] = tuple(replace(one, state=one.state[:, columns]) for one in run.events)
         relative = run.state
         if self.motion is not None:
