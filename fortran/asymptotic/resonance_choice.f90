@@ -32,6 +32,8 @@ module viscovib_resonance_choice
     logical :: is_far = .false.
     !> In the modulation equations; wanted there, but with no place in their frame.
     logical :: taken = .false., turned_away = .false.
+    !> Without a place in the frame though loads and the mode alone may sustain a motion by it.
+    logical :: lost = .false.
   end type candidate_type
 
 contains

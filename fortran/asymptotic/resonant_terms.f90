@@ -163,6 +163,7 @@ contains
         call net_of(self, found(i), powers, drive, n_loads)
         call choice%take(found(i)%mode, powers, drive, n_loads > 0, found(i)%taken)
         found(i)%turned_away = .not. found(i)%taken
+        if (found(i)%turned_away .and. n_loads > 0) found(i)%lost = sustains(self, reach, found(i))
       end do
     end if
     do i = 1, size(found)

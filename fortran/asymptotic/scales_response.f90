@@ -43,6 +43,9 @@ module viscovib_scales_response
     !> Growth of modes at rest by what is of the order that follows, or too far to be in the
     !! modulation equations; -huge: nothing is near.
     real(wp), allocatable :: resting(:)
+    !> For each value: whether a subharmonic or superharmonic motion may be missing, since its
+    !! product has no place in the frame.
+    logical, allocatable :: may_lack(:)
     !> Where asked for, errors of the harmonic and of the whole motion in each coordinate.
     real(wp), allocatable :: harmonic_errors(:, :), motion_errors(:, :)
     !> And of the largest growth.
@@ -76,6 +79,7 @@ contains
     logical :: moves_rest, replaced, stands
 
     allocate (points%line_of(0), points%line_frequency(0), points%line(form%n_dof, 0))
+    allocate (points%may_lack(size(values)), source=.false.)
     call reserve(points, form%n_modes(), form%n_dof, 3*size(values))
     if (load < 1 .or. load > size(form%drives)) then
       call fail(status, status_input_error, 'load', 'load = '//show(load)//': must be 1 to ' &
@@ -103,6 +107,7 @@ contains
       if (status%failed()) return
       call find_steady(here, tolerance, reach, scales, solver, a, n_found, status, cancel)
       if (status%failed()) return
+      points%may_lack(i) = any(scales%normal%candidates%lost)
       if (vary == vary_amplitude) scales%load_factor(load) = values(i)/given
       first = points%n + 1
       do k = 1, n_found
@@ -379,6 +384,7 @@ contains
               more%harmonic_errors(n_dof, room), more%motion_errors(n_dof, room), &
               more%growth_errors(room), more%beats(room))
     more%n = points%n
+    more%may_lack = points%may_lack
     if (points%n > 0) call copy_points(points, more, [(m, m=1, points%n)], [(m, m=1, points%n)])
     if (allocated(points%line)) then
       more%line_of = points%line_of

@@ -245,7 +245,7 @@ subroutine scales_response(packed, n_packed, flat, n_flat, kind_x, data_x, n_x, 
                            max_points, max_lines, cancel, n_points, which, amplitudes, frames, &
                            eigenvalues, harmonics, sizes, left_out, resting, harmonic_errors, &
                            motion_errors, growth_errors, beats, n_lines, line_of, &
-                           line_frequencies, lines, status)
+                           line_frequencies, lines, may_lack, status)
   use, intrinsic :: iso_c_binding, only: c_double, c_double_complex, c_int
   use viscovib_binding_tools, only: report
   use viscovib_polynomial_form, only: polynomial_form_type
@@ -271,6 +271,8 @@ subroutine scales_response(packed, n_packed, flat, n_flat, kind_x, data_x, n_x, 
   integer(c_int), intent(out) :: beats(max_points), n_lines, line_of(max_lines)
   real(c_double), intent(out) :: line_frequencies(max_lines)
   complex(c_double_complex), intent(out) :: lines(n_dof, max_lines)
+  !> 1: a motion may be missing at this value.
+  integer(c_int), intent(out) :: may_lack(n)
   !f2py threadsafe
   type(polynomial_form_type) :: form
   type(steady_points_type) :: points
@@ -297,6 +299,7 @@ subroutine scales_response(packed, n_packed, flat, n_flat, kind_x, data_x, n_x, 
     resting(:m) = points%resting(:m)
     beats(:m) = points%beats(:m)
     n_lines = size(points%line_of)
+    may_lack = merge(1, 0, points%may_lack)
     m = min(n_lines, max_lines)
     line_of(:m) = points%line_of(:m)
     line_frequencies(:m) = points%line_frequency(:m)

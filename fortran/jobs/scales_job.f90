@@ -81,10 +81,14 @@ contains
     if (status%failed()) return
     call tabulate(self, subject, points, table)
     call sink%put(this_kind(), table, status)
-    report%complete = all([(any(points%value(:points%n) == i), i=1, size(self%values))])
+    report%complete = all([(any(points%value(:points%n) == i), i=1, size(self%values))]) &
+                      .and. .not. any(points%may_lack)
     report%summary = things(points%n, 'steady motion')//' at ' &
                      //things(size(self%values), 'value')//', ' &
                      //show(count(stable_points(points)))//' of them stable'
+    if (any(points%may_lack)) report%summary = report%summary//'; subharmonic or superharmonic ' &
+                              //'motions may be missing at '//things(count(points%may_lack), &
+                                                                     'value')
   end subroutine run
 
   !> No eigenvalue with a positive real part, but for rounding.

@@ -1,5 +1,7 @@
 """Which terms multiple scales count as resonant: against Floquet's multipliers by SciPy."""
 
+import warnings
+
 import numpy as np
 import pytest
 import scipy.integrate
@@ -347,6 +349,40 @@ def test_subharmonic_motions_away_from_linear_resonance(ratio):
     assert counted > 15
     assert not lost
     assert np.median(off) < 0.05
+
+
+def test_motions_without_a_place_in_the_frame_are_not_complete():
+    """Two loads sustain subharmonics of one mode at two frequencies: one frame contains one."""
+    rng = np.random.default_rng(8)
+    pairs = 0
+    for i in range(12):
+        p = np.array([3.0, 3.0 - i % 2]) * (1 + rng.uniform(0.01, 0.05, 2))
+        loads = np.array([1.0, 0.3 if i % 2 else 1.0]) * rng.uniform(0.9, 1.3, 2)
+        quadratic, cubic = rng.uniform(0.1, 0.3, 2)
+
+        def response(kept, p=p, loads=loads, quadratic=quadratic, cubic=cubic):
+            system = vv.CubicSystem(
+                mass=[[1.0]], stiffness=[[1.0]], damping=[[0.004]], load=[loads[kept]],
+                drives=p[kept], quadratic=[[[quadratic]]], cubic=[[[[cubic]]]],
+            )  # fmt: skip
+            found = vv.MultipleScales(system).response("p1", p[kept][:1])
+            moving = found.stable & (abs(found.amplitudes[:, 0]) > 1e-3)
+            return found, np.unique(found.frequencies[moving, 0].round(9))
+
+        with warnings.catch_warnings(record=True) as messages:
+            warnings.simplefilter("always")
+            both, frequencies = response(np.array([0, 1]))
+        alone = [response(np.array([k])) for k in (0, 1)]
+        assert all(one.complete for one, _ in alone)
+        expected = np.unique(np.concatenate([one for _, one in alone]))
+        pairs += expected.size == 2
+        missing = not np.isin(expected, frequencies).all()
+        assert both.complete == (not missing)
+        assert both.may_lack.tolist() == [missing]
+        assert missing == any(
+            "motions of one load may be missing" in str(m.message) for m in messages
+        )
+    assert pairs > 6
 
 
 def test_tongues_of_the_order_that_follows():

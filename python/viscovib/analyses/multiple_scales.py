@@ -319,9 +319,10 @@ class MultipleScales:
             raise InputError(f"{parameter} = {where.min():g}: must be greater than 0")
         found = self._steady(load, vary, where, False)
         n, which, a, frames, eigenvalues, harmonics, sizes, left_out, resting = found[:9]
-        beats, n_lines, line_of, line_frequencies, lines = found[-5:]
+        beats, n_lines, line_of, line_frequencies, lines, may_lack = found[-6:]
         kept = slice(n)
         self._warn_of_beats(left_out[kept])
+        self._warn_of_lack(parameter, where[may_lack != 0])
         acting = np.flatnonzero(self._form.drives > 0)
         return ScalesResponse(
             parameter=parameter,
@@ -335,6 +336,7 @@ class MultipleScales:
             left_out=left_out[kept].copy(),
             resting_growth=np.where(resting[kept] > _NOT_NEAR, resting[kept], -np.inf),
             n_beats=beats[kept].copy(),
+            may_lack=may_lack != 0,
             _lines=(line_of[:n_lines] - 1, line_frequencies[:n_lines].copy(), lines.T[:n_lines]),
             _loads={f"p{k + 1}": float(self._form.drives[k]) for k in acting},
             _varied=f"p{load}" if vary == 1 else "",
@@ -413,6 +415,18 @@ class MultipleScales:
             acting = np.any(np.asarray(self.system.load) != 0, axis=0)
             return int((acting & (np.asarray(self.system.drives) != 0)).sum())
         return 1
+
+    def _warn_of_lack(self, parameter: str, values: FloatArray) -> None:
+        """Warn of values at which motions have no place in the frame of frequencies."""
+        if values.size:
+            warnings.warn(
+                f"at {things(values.size, 'value')} of {parameter} (the first is {values[0]:g}) "
+                "subharmonic or superharmonic motions of one load may be missing, since their "
+                "frequency contradicts that of resonances with other loads: compute them with "
+                "one load at a time, or by simulate",
+                RangeWarning,
+                stacklevel=caller(),
+            )
 
     def _warn_of_beats(self, left_out: FloatArray) -> None:
         """Say which motions no frame makes stand still, and what follows them."""

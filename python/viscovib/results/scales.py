@@ -166,6 +166,9 @@ class ScalesResponse(Result):
         Number of incommensurate beat frequencies of the amplitudes; 0 for a steady motion. For
         beating motions ``amplitudes`` are root mean squares and ``eigenvalues`` mean growth rates;
         ``beating`` returns the lines.
+    may_lack : ndarray of bool, shape (n_values,)
+        True for values at which a subharmonic or superharmonic motion may be missing: a load could
+        sustain it, but its frequency contradicts terms that are part of the modulation equations.
     plan : Plan
         What was computed, and what was skipped and why.
 
@@ -191,6 +194,7 @@ class ScalesResponse(Result):
     left_out: FloatArray
     resting_growth: FloatArray
     n_beats: npt.NDArray[np.int32]
+    may_lack: npt.NDArray[np.bool_]
     dof_names: tuple[str, ...]
     plan: Plan
     _errors: Callable[[], tuple[FloatArray, FloatArray, FloatArray]] = field(repr=False)
@@ -211,8 +215,8 @@ class ScalesResponse(Result):
 
     @property
     def complete(self) -> bool:  # type: ignore[override]
-        """True if every value has a steady motion."""
-        return bool(np.unique(self.index).size == self.values.size)
+        """True if every value has a steady motion and none ``may_lack`` another one."""
+        return bool(np.unique(self.index).size == self.values.size and not self.may_lack.any())
 
     def _headline(self) -> str:
         return (
@@ -229,6 +233,9 @@ class ScalesResponse(Result):
         lines = [f"{outside} of them are outside the range of the expansion"] if outside else []
         if self.beating_points.size:
             lines.append(f"{self.beating_points.size} of them beat (quasi-periodic)")
+        if self.may_lack.any():
+            count = things(int(self.may_lack.sum()), "value")
+            lines.append(f"subharmonic or superharmonic motions may be missing at {count}")
         if unsure:
             lines.append(f"the stability of {unsure} of them is not decided by this expansion")
         return lines
