@@ -11,15 +11,17 @@ module viscovib_chord
 
   integer, parameter :: max_corrections = 12
   real(wp), parameter :: correction_tolerance = 1.0e-12_wp, as_rounding_lets = 1.0e-6_wp
+  !> Corrections that shrink by this factor need no new derivatives.
+  real(wp), parameter :: fast = 0.1_wp
 
   type :: chord_point
     real(wp) :: sigma = 0.0_wp, p = 0.0_wp
     !> dp/dsigma, where `go_to` has found the point.
     real(wp) :: slope = 0.0_wp
-    !> The last correction there, of x against its size and of p: rounding, or next to it.
+    !> The correction that would follow, of x against its size and of p: rounding, or next to it.
     real(wp) :: left = 0.0_wp, left_p = 0.0_wp
-    !> Shape (n).
-    real(wp), allocatable :: x(:)
+    !> Unknowns, and dx/dsigma where `go_to` has found the point, shapes (n).
+    real(wp), allocatable :: x(:), x_slope(:)
   end type chord_point
 
   type :: chord_type
@@ -75,7 +77,8 @@ contains
     matrix(n + 1, n + 1) = self%normal_p
   end subroutine border
 
-  !> The point of the curve on the plane sigma, by Newton's method from between two others.
+  !> The point of the curve on the plane sigma, by Newton's method from between two others. Factors
+  !! of the derivatives serve further corrections as long as these fall fast.
   subroutine go_to(self, curve, sigma, a, b, found, made)
     class(chord_type), intent(in) :: self
     class(curve_type), intent(inout) :: curve
@@ -84,9 +87,9 @@ contains
     type(chord_point), intent(out) :: found
     logical, intent(out) :: made
     real(wp) :: matrix(size(a%x) + 1, size(a%x) + 1), right(size(a%x) + 1)
-    real(wp) :: r(size(a%x)), by_p(size(a%x)), size_x, change, last, part
+    real(wp) :: r(size(a%x)), by_p(size(a%x)), size_x, change, last, shrunk, part
     integer :: pivots(size(a%x) + 1), n, k
-    logical :: singular, inside
+    logical :: singular, inside, factorized
 
     n = size(a%x)
     part = (sigma - a%sigma)/(b%sigma - a%sigma)
@@ -94,28 +97,39 @@ contains
     found%x = a%x + part*(b%x - a%x)
     found%p = a%p + part*(b%p - a%p)
     made = .false.
+    factorized = .false.
     last = huge(last)
     do k = 1, max_corrections
-      call curve%equations(found%x, found%p, r, matrix, by_p, inside)
-      if (.not. inside) return
-      call self%border(by_p, matrix)
+      if (factorized) then
+        call curve%residual(found%x, found%p, r, inside)
+        if (.not. inside) return
+      else
+        call curve%equations(found%x, found%p, r, matrix, by_p, inside)
+        if (.not. inside) return
+        call self%border(by_p, matrix)
+        call factorize(n + 1, matrix, pivots, singular)
+        if (singular) return
+      end if
       right(:n) = r
       right(n + 1) = (self%sigma_of(found%p, found%x) - sigma)*self%length
-      call factorize(n + 1, matrix, pivots, singular)
-      if (singular) return
       call solve(n + 1, matrix, pivots, right)
       found%x = found%x - right(:n)
       found%p = found%p - right(n + 1)
       size_x = norm2(found%x)
       change = norm2(right(:n))
       if (.not. change <= size_x) return
+      ! The next correction is smaller by as much as this one, or by more.
+      shrunk = 1.0_wp
+      if (k > 1) shrunk = min(change/max(last, tiny(last)), 1.0_wp)
       ! To rounding, or as far as rounding lets it come.
-      made = change <= correction_tolerance*size_x .and. abs(right(n + 1)) &
+      made = change*shrunk <= correction_tolerance*size_x .and. abs(right(n + 1))*shrunk &
              <= correction_tolerance*abs(found%p)
-      made = made .or. (change <= as_rounding_lets*size_x .and. change >= last)
-      found%left = change/max(size_x, tiny(size_x))
-      found%left_p = abs(right(n + 1))
+      made = made .or. (.not. factorized .and. change <= as_rounding_lets*size_x &
+                        .and. change >= last)
+      found%left = change*shrunk/max(size_x, tiny(size_x))
+      found%left_p = abs(right(n + 1))*shrunk
       if (made) exit
+      factorized = k == 1 .or. shrunk <= fast
       last = change
     end do
     if (.not. made) return
@@ -123,6 +137,7 @@ contains
     right(n + 1) = self%length
     call solve(n + 1, matrix, pivots, right)
     found%slope = right(n + 1)
+    found%x_slope = right(:n)
   end subroutine go_to
 
 end module viscovib_chord

@@ -4,8 +4,9 @@
 !! solutions and exponents is added.
 !!
 !! At the place itself the equations may be singular. So what vanishes there, the real part of the
-!! exponent or the determinant of the bordered derivatives, is known at four points beside it,
-!! and its zero is that of the cubic through these.
+!! exponent or the determinant of the bordered derivatives, is computed at points near it. Its zero
+!! is that of the line through two points where the place has moved further than the line is wrong,
+!! and of the cubic through four points otherwise.
 module viscovib_crossing_errors
   use, intrinsic :: ieee_arithmetic, only: ieee_is_finite, ieee_positive_inf, ieee_value
   use viscovib_chord, only: chord_point, chord_type, new_chord
@@ -20,7 +21,7 @@ module viscovib_crossing_errors
   public :: exponent_error, branch_point_error
 
   !> Where the points lie, in units of how far, and this, in sigma: one after the other.
-  integer, parameter :: n_nodes = 4
+  integer, parameter :: n_nodes = 4, n_line = 2
   real(wp), parameter :: steps(n_nodes) = [-1.0_wp, 1.0_wp, 2.0_wp, -2.0_wp]
   !> Where the equations are singular, and where they are not.
   real(wp), parameter :: singular_reaches(3) = [1.0e-3_wp, 1.0e-2_wp, 1.0e-4_wp]
@@ -29,11 +30,15 @@ module viscovib_crossing_errors
   real(wp), parameter :: nearly_nothing = 1.0e-3_wp
   !> The zero of the cubic is good so many reaches away.
   real(wp), parameter :: close = 3.0_wp
+  !> A line serves where the place has moved by this times the square of the reach, in sigma.
+  real(wp), parameter :: line_serves = 1.0e3_wp
   !> The place may be so far away, in sigma, and is looked for so often.
   real(wp), parameter :: furthest = 2.0_wp
   integer, parameter :: max_turns = 10
   !> Change of a motion, relative, by which its effect on an exponent is measured.
   real(wp), parameter :: nudge = 1.0e-5_wp
+  !> It is measured where the error is less than this times what is left of the motion.
+  real(wp), parameter :: seen = 1.0e4_wp
   !> Of determinants beside a place, relative to those a reach away.
   real(wp), parameter :: noise_of_determinants = 1.0e-9_wp
 
@@ -78,6 +83,8 @@ contains
     type(determinant_type) :: spectrum
     spectrum%n = 1
     spectrum%noise = noise_of_determinants
+    ! A large determinant is no growth that amplifies rounding errors.
+    spectrum%complete = .false.
     call new_chord(spectrum%chord, curve, p, x)
     call find_error(curve, spectrum, spectrum%chord, p, x, at_p, at_x, (0.0_wp, 0.0_wp), error, &
                     cancel)
@@ -93,11 +100,12 @@ contains
     integer, intent(inout), optional :: cancel
     type(chord_point) :: here, there, nodes(n_nodes)
     complex(wp) :: last, values(n_nodes)
-    real(wp) :: reaches(3), centre, reach, off, slope, by_p, growth, growths(n_nodes)
+    real(wp) :: reaches(3), begun, centre, reach, off, moved, slope, by_p, left, growth
+    real(wp) :: growths(n_nodes)
     !> Of the nodes: where on the chord, and the parameter.
     real(wp) :: s(n_nodes), there_p(n_nodes)
     logical :: made
-    integer :: turn, k, try
+    integer :: turn, n, k, try
 
     error = ieee_value(error, ieee_positive_inf)
     here%sigma = chord%sigma_of(at_p, at_x)
@@ -108,7 +116,8 @@ contains
     there%sigma = k - 1.0_wp
     there%p = p(k)
     there%x = x(:, k)
-    centre = here%sigma
+    begun = here%sigma
+    centre = begun
     last = eta
     reaches = regular_reaches
     if (abs(eta) < nearly_nothing) reaches = singular_reaches
@@ -118,38 +127,64 @@ contains
       if (given_up(cancel)) return
       turn = turn + 1
       reach = reaches(try)
-      do k = 1, n_nodes
-        call chord%go_to(curve, centre + steps(k)*reach, here, there, nodes(k), made)
-        if (made) call exponent_at(curve, spectrum, nodes(k)%p, nodes(k)%x, last, values(k), &
-                                   growths(k), made)
-        if (.not. made) exit
-      end do
+      n = n_line
+      call take_nodes(1, n_line)
+      if (made) then
+        off = zero_of(s(:n), real(values(:n))) - centre
+        moved = abs(centre + off - begun)
+        if (abs(off) <= close*reach .and. moved < line_serves*reach**2) then
+          n = n_nodes
+          call take_nodes(n_line + 1, n_nodes)
+          if (made) off = zero_of(s, real(values)) - centre
+        end if
+      end if
       if (.not. made) then
         try = try + 1
         if (try > size(reaches)) return
         cycle
       end if
-      s = nodes%sigma
-      off = zero_of(s, real(values)) - centre
       if (.not. abs(off) < huge(off)) return
       if (abs(off) <= close*reach) exit
       centre = centre + sign(min(abs(off), 0.5_wp), off)
-      if (abs(centre - chord%sigma_of(at_p, at_x)) > furthest) return
+      if (abs(centre - begun) > furthest) return
       last = values(2)
-      here = nodes(1)
-      there = nodes(3)
+      here = nodes(2)
+      there = along_tangent(here)
     end do
     if (turn >= max_turns) return
-    there_p = nodes%p
     by_p = (there_p(2) - there_p(1))/(s(2) - s(1))
     slope = (real(values(2)) - real(values(1)))/(s(2) - s(1))
-    error = abs(cubic_at(centre + off, s, differences(s, there_p)) - at_p)
-    call exponent_at(curve, spectrum, nodes(2)%p, nodes(2)%x*(1.0_wp + nudge), values(2), last, &
-                     growth, made)
+    error = abs(polynomial_at(centre + off, s(:n), differences(s(:n), there_p(:n))) - at_p)
+    left = maxval(nodes(:n)%left)
     off = 0.0_wp
-    if (made) off = abs(real(last) - real(values(2)))/nudge*maxval(nodes%left)
-    off = (off + spectrum%noise*exp(max(0.0_wp, min(maxval(growths), 100.0_wp))))/abs(slope)
-    error = error + abs(by_p)*off + maxval(nodes%left_p) + epsilon(1.0_wp)*abs(at_p)
+    if (error <= seen*left*abs(at_p)) then
+      call exponent_at(curve, spectrum, nodes(2)%p, nodes(2)%x*(1.0_wp + nudge), values(2), last, &
+                       growth, made)
+      if (made) off = abs(real(last) - real(values(2)))/nudge*left
+    end if
+    growth = maxval(growths(:n))
+    off = (off + spectrum%noise*exp(max(0.0_wp, min(growth, 100.0_wp))))/abs(slope)
+    error = error + abs(by_p)*off + maxval(nodes(:n)%left_p) + epsilon(1.0_wp)*abs(at_p)
+
+  contains
+
+    !> Points of the curve around the centre and what vanishes there; each begins at the tangent of
+    !! the one before.
+    subroutine take_nodes(first, final)
+      integer, intent(in) :: first, final
+      integer :: i
+      do i = first, final
+        call chord%go_to(curve, centre + steps(i)*reach, here, there, nodes(i), made)
+        if (made) call exponent_at(curve, spectrum, nodes(i)%p, nodes(i)%x, last, values(i), &
+                                   growths(i), made)
+        if (.not. made) return
+        s(i) = nodes(i)%sigma
+        there_p(i) = nodes(i)%p
+        here = nodes(i)
+        there = along_tangent(here)
+      end do
+    end subroutine take_nodes
+
   end subroutine find_error
 
   !> The exponent nearest to another, and the largest real part of all.
@@ -180,46 +215,54 @@ contains
     if (spectrum%complete) growth = maxval(real(all), ieee_is_finite(real(all)))
   end subroutine exponent_at
 
+  !> A point on the tangent of the curve at a point that `go_to` has found.
+  pure type(chord_point) function along_tangent(point) result(next)
+    type(chord_point), intent(in) :: point
+    next%sigma = point%sigma + 1.0_wp
+    next%p = point%p + point%slope
+    next%x = point%x + point%x_slope
+  end function along_tangent
+
   !> Divided differences of values v at places s.
   pure function differences(s, v) result(d)
-    real(wp), intent(in) :: s(n_nodes), v(n_nodes)
-    real(wp) :: d(n_nodes)
+    real(wp), intent(in) :: s(:), v(:)
+    real(wp) :: d(size(s))
     integer :: i, k
     d = v
-    do k = 1, n_nodes - 1
-      do i = n_nodes, k + 1, -1
+    do k = 1, size(s) - 1
+      do i = size(s), k + 1, -1
         d(i) = (d(i) - d(i - 1))/(s(i) - s(i - k))
       end do
     end do
   end function differences
 
   !> The polynomial of divided differences d, and its derivative.
-  pure real(wp) function cubic_at(at, s, d) result(value)
-    real(wp), intent(in) :: at, s(n_nodes), d(n_nodes)
+  pure real(wp) function polynomial_at(at, s, d) result(value)
+    real(wp), intent(in) :: at, s(:), d(:)
     integer :: k
-    value = d(n_nodes)
-    do k = n_nodes - 1, 1, -1
+    value = d(size(s))
+    do k = size(s) - 1, 1, -1
       value = d(k) + (at - s(k))*value
     end do
-  end function cubic_at
+  end function polynomial_at
 
   pure real(wp) function tilt_at(at, s, d) result(tilt)
-    real(wp), intent(in) :: at, s(n_nodes), d(n_nodes)
+    real(wp), intent(in) :: at, s(:), d(:)
     real(wp) :: value
     integer :: k
-    value = d(n_nodes)
+    value = d(size(s))
     tilt = 0.0_wp
-    do k = n_nodes - 1, 1, -1
+    do k = size(s) - 1, 1, -1
       tilt = value + (at - s(k))*tilt
       value = d(k) + (at - s(k))*value
     end do
   end function tilt_at
 
-  !> Where the cubic through values v at places s vanishes, next to where the line through the first
-  !! two does; `huge` where that is level.
+  !> Where the polynomial through values v at places s vanishes, next to where the line through the
+  !! first two does; `huge` where that is level.
   pure real(wp) function zero_of(s, v) result(zero)
-    real(wp), intent(in) :: s(n_nodes), v(n_nodes)
-    real(wp) :: d(n_nodes), tilt
+    real(wp), intent(in) :: s(:), v(:)
+    real(wp) :: d(size(s)), tilt
     integer :: k
 
     d = differences(s, v)
@@ -229,7 +272,7 @@ contains
     do k = 1, 4
       tilt = tilt_at(zero, s, d)
       if (.not. tilt*d(2) > 0.0_wp) return
-      zero = zero - cubic_at(zero, s, d)/tilt
+      zero = zero - polynomial_at(zero, s, d)/tilt
     end do
   end function zero_of
 
@@ -265,7 +308,6 @@ contains
     eta(1) = sign_of*exp(max(-300.0_wp, min(300.0_wp, logarithm - self%reference)))
   end subroutine look
 
-  !> Not needed: it is known as a whole.
   subroutine follow(self, curve, p, x, near, eta, made)
     class(determinant_type), intent(inout) :: self
     class(curve_type), intent(inout) :: curve

@@ -18,6 +18,7 @@ module viscovib_cycle_terms
   use viscovib_law_term, only: law_term
   use viscovib_moment_block, only: add_sandwich_of
   use viscovib_oscillator, only: oscillator_type
+  use viscovib_phase_roots, only: phase_list
   use viscovib_polynomial, only: polynomial_type
   use viscovib_sample_tables, only: new_sample_tables, sample_tables
   implicit none
@@ -58,6 +59,8 @@ module viscovib_cycle_terms
     !> Of the last motion: harmonics of the arguments and what rates make of them, shape (n_parts,
     !! n_arguments).
     real(wp), allocatable, private :: y(:, :), rates(:, :)
+    !> Where the law switches along it, if it is integrated piece by piece.
+    type(phase_list), private :: switches
     !> Derivatives at the last motion, once they are known: of the harmonics by those of each
     !! argument, shape (n_parts, n_parts, n_arguments), and by the frequency, (n_parts).
     logical, private :: known = .false.
@@ -215,7 +218,8 @@ contains
         cycles(i)%levels(1)%scan = matmul(u(:set%n_samples, :), transpose(law%seen))
         call take_samples(cycles(i), law, set, tables, own)
         if (.not. cycles(i)%sampled) call law_parts(law%program, cycles(i)%signals, set, &
-                                                    cycles(i)%y, cycles(i)%levels(1)%scan, own)
+                                                    cycles(i)%y, cycles(i)%levels(1)%scan, own, &
+                                                    cycles(i)%switches)
       end if
       do j = 1, size(law%variables)
         parts(:, law%variables(j)) = parts(:, law%variables(j)) + law%weights(j)*own
@@ -360,7 +364,7 @@ contains
       return
     end if
     call law_slopes(law%program, one%signals, set, one%y, one%rates, &
-                    one%levels(1)%scan, sums)
+                    one%levels(1)%scan, one%switches, sums)
     do m = 1, size(one%y, 2)
       call add_sandwich_of(set, sums%c(:, m), sums%s(:, m), 1.0_wp, one%blocks(:, :, m))
     end do

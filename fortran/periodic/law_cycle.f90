@@ -86,8 +86,8 @@ contains
     end do
   end subroutine find_switches
 
-  !> Harmonics of a law along a motion.
-  subroutine law_parts(program, signals, set, y, scan, parts)
+  !> Harmonics of a law along a motion, and where it switches.
+  subroutine law_parts(program, signals, set, y, scan, parts, found)
     type(law_program), intent(in) :: program, signals(:)
     type(harmonic_set_type), intent(in) :: set
     !> Harmonics of its arguments, shape (n_parts, n_arguments), and these at the samples of the
@@ -95,8 +95,8 @@ contains
     real(wp), intent(in) :: y(:, :), scan(:, :)
     !> Shape (n_parts).
     real(wp), intent(out) :: parts(:)
+    type(phase_list), intent(out) :: found
     type(law_sums) :: none
-    type(phase_list) :: found
 
     call find_switches(signals, set, y, scan, found)
     parts = 0.0_wp
@@ -105,22 +105,21 @@ contains
   end subroutine law_parts
 
   !> Their derivatives.
-  subroutine law_slopes(program, signals, set, y, along, scan, sums)
+  subroutine law_slopes(program, signals, set, y, along, scan, found, sums)
     type(law_program), intent(in) :: program, signals(:)
     type(harmonic_set_type), intent(in) :: set
     !> As of `law_parts`; and a change of the arguments, shape (n_parts, n_arguments).
     real(wp), intent(in) :: y(:, :), along(:, :), scan(:, :)
+    !> From `law_parts` of this motion.
+    type(phase_list), intent(in) :: found
     type(law_sums), intent(out) :: sums
-    type(phase_list) :: found
-    real(wp) :: parts(size(y, 1))
+    real(wp) :: none(0)
     integer :: m, reach
 
-    call find_switches(signals, set, y, scan, found)
     reach = 2*maxval(set%orders)/merge(2, 1, set%half_wave)
     allocate (sums%c(-reach:reach, size(y, 2)), sums%s(-reach:reach, size(y, 2)), &
               sums%along(size(y, 1)), source=0.0_wp)
-    parts = 0.0_wp
-    call over_pieces(program, set, y, scan, found, parts, sums, along)
+    call over_pieces(program, set, y, scan, found, none, sums, along)
     call weigh(set, sums%along)
     do m = 1, reach
       sums%c(-m, :) = sums%c(m, :)
@@ -139,7 +138,7 @@ contains
     type(phase_list), intent(in) :: found
     real(wp), intent(inout) :: parts(:)
     type(law_sums), intent(inout) :: sums
-    !> Present if derivatives are wanted.
+    !> Present if derivatives are wanted, and no parts.
     real(wp), intent(in), optional :: along(:, :)
     type(panel_type) :: panel
     real(wp) :: arguments(nodes, size(y, 2)), f(nodes), slopes(nodes, size(y, 2)), moved(nodes)
@@ -177,8 +176,9 @@ contains
           end if
         end if
         size_of = max(size_of, maxval(abs(f)))
-        call add_parts(panel, f, parts)
-        if (present(along)) then
+        if (.not. present(along)) then
+          call add_parts(panel, f, parts)
+        else
           moved = 0.0_wp
           do m = 1, size(y, 2)
             call add_moments(panel, set, slopes(:, m), sums%c(0:reach, m), sums%s(0:reach, m))

@@ -89,7 +89,7 @@ contains
     real(wp), intent(in) :: arguments(:, :)
     real(wp), intent(out) :: value(:), slopes(:, :)
     real(wp) :: x(size(value), self%depth + 2)
-    real(wp) :: dx(size(value), size(slopes, 2), self%depth + 2)
+    real(wp) :: dx(size(value), size(slopes, 2), self%depth + 2), work(size(value), 4)
     integer :: i, k, top
     !> Whether any sample left the domain of a function so far, and since then which are outside.
     logical :: left, outside(size(value), self%depth + 2)
@@ -105,7 +105,7 @@ contains
       if (left) call mark_outside(self%code(i), self%number(i), size(value), x(:, top:), &
                                   outside(:, top:))
       call step(self%code(i), self%number(i), arguments, size(value), size(slopes, 2), x(:, top:), &
-                dx(:, :, top:))
+                dx(:, :, top:), work)
       if (self%code(i) == put_number .and. allocated(self%of_lanes)) x(:, top) = self%of_lanes(:, i)
     end do
     value = x(:, 1)
@@ -149,11 +149,11 @@ contains
   end subroutine mark_outside
 
   !> One instruction: its operands stand in x from the first column on, where its value goes.
-  pure subroutine step(code, number, arguments, n, m, x, dx)
+  pure subroutine step(code, number, arguments, n, m, x, dx, work)
     integer, intent(in) :: code, n, m
     real(wp), intent(in) :: number, arguments(:, :)
-    real(wp), intent(inout) :: x(n, *), dx(n, m, *)
-    real(wp) :: by(n, 2)
+    real(wp), intent(inout) :: x(n, *), dx(n, m, *), work(n, 4)
+    logical :: two
     integer :: a, k
 
     select case (code)
@@ -190,15 +190,18 @@ contains
     case (called + 1:called + most_called)
       call step_outside(number, n, m, operands(code), x, dx)
     case default
-      call of_samples(code, number, n, x, by, m > 0)
+      call of_samples(code, number, n, x, work(:, 1:2), work(:, 3), work(:, 4), m > 0)
+      ! As `within`, which is in another module, so that a compiler can make vectors of it.
+      two = operands(code) == 2
       do a = 1, m
-        if (operands(code) == 2) then
+        if (two) then
           do k = 1, n
-            dx(k, a, 1) = within(by(k, 1)*dx(k, a, 1)) + within(by(k, 2)*dx(k, a, 2))
+            dx(k, a, 1) = min(max(work(k, 1)*dx(k, a, 1), -wall), wall) &
+                          + min(max(work(k, 2)*dx(k, a, 2), -wall), wall)
           end do
         else
           do k = 1, n
-            dx(k, a, 1) = within(by(k, 1)*dx(k, a, 1))
+            dx(k, a, 1) = min(max(work(k, 1)*dx(k, a, 1), -wall), wall)
           end do
         end if
       end do
@@ -225,21 +228,21 @@ contains
 
   !> A function at samples, in place of its first operand, and its derivatives by its operands; what
   !! the vector unit can do is done there.
-  pure subroutine of_samples(code, number, n, x, by, wanted)
+  pure subroutine of_samples(code, number, n, x, by, value, other, wanted)
     integer, intent(in) :: code, n
     real(wp), intent(in) :: number
-    real(wp), intent(inout) :: x(n, 3), by(n, 2)
+    !> What is in `value` and `other` does not matter.
+    real(wp), intent(inout) :: x(n, 3), by(n, 2), value(n), other(n)
     logical, intent(in) :: wanted
-    real(wp) :: value(n), other(n)
     integer :: k
 
     select case (code)
     case (multiply)
-      value = within(x(:, 1)*x(:, 2))
+      value = min(max(x(:, 1)*x(:, 2), -wall), wall)
       by(:, 1) = x(:, 2)
       by(:, 2) = x(:, 1)
     case (square)
-      value = within(x(:, 1)**2)
+      value = min(x(:, 1)**2, wall)
       by(:, 1) = 2.0_wp*x(:, 1)
     case (divide)
       do k = 1, n
@@ -249,6 +252,12 @@ contains
         by(k, 1) = by(k, 1)/other(k)
         by(k, 2) = -value(k)*by(k, 1)
       end do
+    case (f_min, f_max)
+      ! Where both are equal each has half.
+      by(:, 1) = merge(0.5_wp, merge(1.0_wp, 0.0_wp, (x(:, 1) < x(:, 2)) .eqv. (code == f_min)), &
+                       .not. abs(x(:, 1) - x(:, 2)) > 0.0_wp)
+      by(:, 2) = 1.0_wp - by(:, 1)
+      value = merge(min(x(:, 1), x(:, 2)), max(x(:, 1), x(:, 2)), code == f_min)
     case (f_abs)
       value = abs(x(:, 1))
       by(:, 1) = merge(sign(1.0_wp, x(:, 1)), 0.0_wp, abs(x(:, 1)) > 0.0_wp)

@@ -155,3 +155,22 @@ def test_places_of_truncated_motions_are_told_as_such():
     assert [c.kind for c in few.crossings] == [c.kind for c in whole.crossings] == ["fold"] * 2
     assert 1e-8 < off < 10 * few.truncation.max()
     assert whole.truncation.max() < 1e-10
+
+
+def test_errors_of_branch_points_of_a_machine_on_gap_mounts():
+    """Determinants that vary much near a branch point say nothing of its error."""
+    gap = (None, None, "2e6*max(d - 0.004, 0) + 2e6*min(d + 0.004, 0)")
+    mounts = [
+        vv.MountPoint(
+            name=f"m{2 * x + y + 3}", position=(0.3 * x, 0.2 * y, -0.15), stiffness=(1e5, 1e5, 3e5),
+            damping=(100, 100, 300), law=gap,
+        )
+        for x in (1, -1) for y in (1, -1)
+    ]  # fmt: skip
+    machine = vv.Body(mass=150, inertia=(8, 6, 9), mounts=mounts, gravity=9.81)
+    branch = vv.trace_response(
+        machine, (16 * np.pi, 40 * np.pi), load=machine.load(force=(0, 0, 800)), tolerance=1e-4
+    )
+    assert len(branch.branch_points) >= 5
+    for point in branch.branch_points:
+        assert 0 < point.error < 2e-4 * point.parameter
