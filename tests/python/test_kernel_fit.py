@@ -120,6 +120,44 @@ def test_creep():
     assert list(fit.parameters.values()) == pytest.approx([MODULUS, 2.0, 0.5, 3.0], rel=1e-7)
 
 
+def test_creep_of_many_rows_is_computed_at_few_times(monkeypatch):
+    """Rows at random times; the fit costs as much as one of a hundred rows."""
+    from viscovib.rubber.models import Model
+
+    plain, computed = Model.modulus_at, []
+    monkeypatch.setattr(
+        Model, "modulus_at", lambda *given: computed.append(given[1].size) or plain(*given)
+    )
+    rng = np.random.default_rng(3)
+    for a, b in ((0.3, 1.0), (0.6, 0.1), (0.9, 4.0)):
+        t = np.sort(10 ** rng.uniform(-3, 3, 2000))
+        share = rng.uniform(0.2, 0.7)
+        passed = 1 - vv.RabotnovKernel(amplitude=b, alpha=a, beta=b * (1 / share - 1)).relaxation(t)
+        computed.clear()
+        fit = vv.fit_kernel(vv.CreepData(times=t, compliance=(1 + passed) / MODULUS))
+        expected = [MODULUS, b, a, b / share]
+        assert list(fit.parameters.values()) == pytest.approx(expected, rel=1e-6)
+        assert sum(computed) < 300 * 16 * 300
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_slopes_of_creep_are_those_of_differences(seed):
+    from viscovib.rubber.measured import Measured
+    from viscovib.rubber.models import Model
+
+    rng = np.random.default_rng(seed)
+    model = Model((("rabotnov",), ("rzhanitsyn",), ("rabotnov", "rzhanitsyn"))[seed % 3])
+    k = len(model.parts)
+    theta = model.join(2.0, rng.uniform(0.1, 0.9, k), 10 ** rng.uniform(-1, 2, k), np.full(k, 0.3))
+    t = np.sort(10 ** rng.uniform(-2, 3, 700))
+    data = vv.CreepData(times=t, compliance=model.compliance(t, theta))
+    slopes = Measured.of(data, (1, 1)).slopes(model, theta)
+    for j in range(theta.size):
+        step = 1e-5 * np.eye(theta.size)[j]
+        by = (model.compliance(t, theta + step) - model.compliance(t, theta - step)) / 2e-5
+        assert slopes[:, j] == pytest.approx(by, abs=1e-8)
+
+
 def test_creep_by_inversion_in_many_digits():
     model = Model(("rzhanitsyn",))
     theta = model.join(1.0, np.array([0.3]), np.array([20.0]), np.array([0.7]))

@@ -1,7 +1,9 @@
 """What a kernel is fitted to, and how a least-squares problem is brought to its end."""
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -14,6 +16,8 @@ from viscovib.rubber.models import Model
 #: Part of the largest singular value below which data do not feel a direction; what a row leaves
 #: to the others at least.
 LEAST_FELT, _OWN = 1e-9, 1e-6
+#: Times that are computed one by one, and digits (natural) that interpolation between nodes has.
+_FEWEST, _DIGITS = 100, 32.0
 #: Weights of the residuals of storage and of loss.
 SHARE = Number("storage_weight", lowest=0, highest=1e100)
 LOSS_SHARE = Number("loss_weight", lowest=0, highest=1e100)
@@ -74,7 +78,37 @@ class Measured:
         times = np.asarray(self.data.times)
         if isinstance(self.data, RelaxationData):
             return model.relaxation(times, self.data.ramp, theta)
-        return model.compliance(times, theta)
+        return np.asarray(self._creep(model, theta, slopes=False)[0])
+
+    def _creep(self, model: Model, theta: FloatArray, *, slopes: bool) -> FloatArray:
+        """Creep and its derivatives at the times of the data: of many, from fewer in between."""
+        times, between = self._nodes
+        found = model.creep(times, theta, slopes=slopes)
+        return found if between is None else found @ between
+
+    @cached_property
+    def _nodes(self) -> tuple[FloatArray, FloatArray | None]:
+        """Times at which creep is computed, and what makes it that at all times, (nodes, n).
+
+        Creep is analytic where t has a positive real part. So along ln t interpolation at
+        Chebyshev's nodes is exact to rounding with so many of them.
+        """
+        at = -self.log_rates
+        low, high = float(at.min()), float(at.max())
+        if at.size < _FEWEST:
+            return np.exp(at), None
+        wide = math.pi / max(high - low, 1e-300)
+        count = math.ceil(_DIGITS / math.log(wide + math.sqrt(1 + wide**2))) + 2
+        if 2 * count > at.size:
+            return np.exp(at), None
+        angle = (np.arange(count) + 0.5) * np.pi / count
+        x = (2 * at - (low + high)) / (high - low)
+        # Sums of Chebyshev's polynomials, orthogonal at the nodes.
+        orders = np.arange(count)[:, np.newaxis]
+        by_order = np.cos(orders * np.arccos(np.clip(x, -1, 1)))
+        by_order[0] /= 2
+        between = 2 / count * np.cos(orders * angle).T @ by_order
+        return np.exp((low + high) / 2 + (high - low) / 2 * np.cos(angle)), between
 
     def predicted_of(self, model: Model, thetas: FloatArray) -> FloatArray:
         """What a model says with many unknowns (m, size), shape (m, n)."""
@@ -88,6 +122,8 @@ class Measured:
         if isinstance(self.data, ModulusData):
             _, slopes = model.modulus_at(self.along, theta)
             return np.concatenate([slopes.real, slopes.imag], axis=1).T
+        if isinstance(self.data, CreepData):
+            return self._creep(model, theta, slopes=True)[1:].T
         found = np.empty((self.target.size, theta.size))
         for j in range(theta.size):
             h = 1e-5 * max(1.0, abs(theta[j]))

@@ -13,9 +13,9 @@ allowed, and of abel kernels, p_k = exp(w_k).
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cache, cached_property
 
 import numpy as np
 
@@ -278,9 +278,17 @@ class Model:
 
     def compliance(self, times: FloatArray, theta: FloatArray) -> FloatArray:
         """Creep after a step: the inverse transform of 1/(s M(s))."""
-        return inverse_laplace(
-            lambda log_s: 1 / (np.exp(log_s) * self.modulus_at(log_s, theta)[0]), times
-        )
+        return np.asarray(self.creep(times, theta, slopes=False)[0])
+
+    def creep(self, times: FloatArray, theta: FloatArray, *, slopes: bool) -> FloatArray:
+        """Creep and, if wanted, its derivatives by the unknowns, shape (1 + size, n) or (1, n)."""
+
+        def transform(log_s: ComplexArray) -> ComplexArray:
+            value, by = self.modulus_at(log_s, theta)
+            creep = 1 / (np.exp(log_s) * value)
+            return np.vstack([creep, -by * (creep / value)]) if slopes else creep[np.newaxis]
+
+        return inverse_laplace(transform, times)
 
 
 def _logit(alpha: float) -> float:
@@ -299,17 +307,27 @@ def ramped(kernel: Kernel, times: FloatArray, ramp: float) -> FloatArray:
     return np.asarray(kernel.relaxation(ages) @ weights)
 
 
-def inverse_laplace(transform: "object", times: FloatArray) -> FloatArray:
-    """Values in time on a modified Talbot contour (Weideman, SIAM J. Numer. Anal. 44, 2006)."""
-    assert callable(transform)
+def inverse_laplace(
+    transform: Callable[[ComplexArray], ComplexArray], times: FloatArray
+) -> FloatArray:
+    """Values in time on a modified Talbot contour (Weideman, SIAM J. Numer. Anal. 44, 2006).
+
+    The transforms of k functions at the logarithms of s (m,), shape (k, m); found: shape (k, n).
+    """
+    zeta, weights = _contour()
+    log_s = np.log(zeta)[np.newaxis, :] - np.log(times)[:, np.newaxis]
+    values = transform(log_s.ravel()).reshape(-1, *log_s.shape)
+    return np.asarray((values @ weights).imag / times)
+
+
+@cache
+def _contour() -> tuple[ComplexArray, ComplexArray]:
+    """Places on the contour, times t, and their weights."""
     theta = (2 * np.arange(1, _CONTOUR // 2 + 1) - 1) * np.pi / _CONTOUR
     angle = 0.6407 * theta
     zeta = _CONTOUR * (0.5017 * theta / np.tan(angle) - 0.6122 + 0.2645j * theta)
     slope = _CONTOUR * (0.5017 / np.tan(angle) - 0.5017 * angle / np.sin(angle) ** 2 + 0.2645j)
-    log_s = np.log(zeta)[np.newaxis, :] - np.log(times)[:, np.newaxis]
-    values = transform(log_s.ravel()).reshape(log_s.shape)
-    total = (np.exp(zeta) * slope * values).imag.sum(axis=1)
-    return np.asarray(2 / _CONTOUR * total / times)
+    return zeta, np.asarray(2 / _CONTOUR * np.exp(zeta) * slope)
 
 
 def start_shapes(
