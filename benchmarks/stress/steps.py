@@ -19,7 +19,7 @@ END = 64.0
 
 def jobs(quick: bool) -> Iterator[tuple[str, Job]]:
     """A job a row."""
-    counts = 9 if quick else 41
+    counts = 5 if quick else 41
     for method in OF_PENDULUM:
         yield f"steps, pendulum {method}", lambda m=method: of_pendulum(m, counts)
     for method in OF_MOUNT[-1:] if quick else OF_MOUNT:
