@@ -14,8 +14,6 @@ from driver import GOOD, MOTION, SCENES, check_failure, command
 
 TABLE = "&kernel kind='tabulated', file='{}' /\n"
 MEGABYTE = 1_000_000
-#: Scenes of which each piece takes long; an eighth of them is read or refused alike.
-MANY = ("few loads", "forces", "springs", "kernels", "laws", "sweeps")
 
 
 def with_table(file):
@@ -68,9 +66,9 @@ def long_scene(name, share=1):
 )  # fmt: skip
 def test_a_megabyte_is_read_or_refused_at_once(solve, tmp_path, name):
     scene = tmp_path / "scene.nml"
-    # The checked build took up to 20 s for these: it has an eighth of the same pieces.
+    # For the checks of the checked build, which took up to 20 s, an eighth of the pieces is enough.
     checked = "debug" in solve("--version").args[0]
-    scene.write_text(long_scene(name, 8 if checked and name in MANY else 1))
+    scene.write_text(long_scene(name, 8 if checked else 1))
     # A second on an idle machine, 3 of the checked build; a busy machine has more.
     bound = 12.0 if checked else 4.0
     started = resource.getrusage(resource.RUSAGE_CHILDREN).ru_utime
@@ -79,6 +77,9 @@ def test_a_megabyte_is_read_or_refused_at_once(solve, tmp_path, name):
     assert done.returncode in (0, 2)
     assert len(done.stderr) < 2000
     assert len(done.stderr.splitlines()) == (done.returncode == 2)
+    if checked:
+        # Python has read the same with the driver as shipped.
+        return
     began = time.process_time()
     if done.returncode == 0:
         vv.Scene.read(scene)

@@ -65,7 +65,7 @@ def test_what_creeps_with_hysteresis_has_not_settled(joint):
         )  # fmt: skip
         return vv.basins(wells, starts, t_end=end, dt=dt)
 
-    creeping = found(1e4, 2.0, 1e-3)
+    creeping = found(1e4, 0.5, 1e-3)
     assert not creeping.attractors
     assert (creeping.labels == -1).all()
     assert found(0.3, 100.0, 0.05).complete

@@ -55,7 +55,7 @@ def test_errors_at_given_steps(law, step):
     """Thirds of steps are looked at, too, and what finer runs keep of the error is added."""
     spring = vv.Spring(on="x1", law=law)
     beyond = []
-    for load in 0.3 + 0.02 * np.arange(20):
+    for load in 0.3 + 0.04 * np.arange(10):
         true = simulated(spring, load, tolerance=1e-9)
         run = simulated(spring, load, dt=step, estimate_error=True, memory="direct")
         beyond.append(np.abs(run.state - true.state).max() / run.error)

@@ -1,7 +1,7 @@
 """Peak memory: flat in steps and chunks; a response takes little more than its own result.
 
-Each job runs in its own process, first short, then long. The system counts the largest memory that the
-process ever held, and the long job must not raise it.
+Each job runs in its own process, first short, then long. The system counts the largest memory that
+the process ever held, and the long job must not raise it.
 """
 
 import subprocess

