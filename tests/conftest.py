@@ -8,18 +8,18 @@ from pathlib import Path
 LONGEST = (
     "test_explorer_browser",
     "test_guide",
+    "test_sweep_checkpoint",
     "test_stops",
-    "test_scales_random",
-    "test_memory",
-    "test_multiple_scales",
-    "test_scales_choice",
     "test_fuzz",
-    "test_results",
-    "test_driver",
+    "test_structure_vary",
+    "test_sweep_dask",
+    "test_thin_layers",
+    "test_steady_motion",
+    "test_scales_random",
+    "test_multiple_scales",
     "test_branch",
-    "test_kernel_fit",
-    "test_commands",
-    "test_interrupts",
+    "test_switches_beside_memory",
+    "test_driver_limits",
 )
 
 

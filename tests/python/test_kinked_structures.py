@@ -82,7 +82,7 @@ def _motion(rng, structure, stiffness, n):
 def test_multipliers_of_structures_with_a_stop(n, allowed, coupled):
     rng = np.random.default_rng([n, coupled])
     touching = 0
-    for _ in range(6 if n < 20 else 4):
+    for _ in range(4 if n < 20 else 3):
         structure, *rest = _chain(rng, n, coupled)
         response = _motion(rng, structure, rest[1], n)
         if not response.converged[0]:

@@ -245,7 +245,7 @@ def test_escapes_are_those_of_few_coordinates():
         assert escape(seed, 5) == pytest.approx(escape(seed, 0), rel=1e-12)
 
 
-@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("seed", range(4))
 @pytest.mark.parametrize("kind", ["Dahl", "BoucWen"])
 def test_errors_beside_elements_that_settle_fast_are_told(kind, seed):
     """Parts between two turns were the same in two runs; powers left 1e-9 where a state is 0."""

@@ -64,15 +64,14 @@ def command(*arguments, folder, **given):
     )  # fmt: skip
 
 
-def test_names_that_end_lines_are_told_in_one_line(tmp_path):
+def test_names_that_end_lines_are_told_in_one_line(tmp_path, monkeypatch, capsys):
     (tmp_path / "two\nlines.nml").write_text(SCENE)
     (tmp_path / "blank ").write_text(SCENE)
-    done = command("run", "two\nlines.nml", "blank ", "no\x1bne.nml", "--out", "o\nut",
-                   folder=tmp_path)  # fmt: skip
-    assert done.returncode == 3
-    assert "o?ut/two?lines_response.csv: " in done.stdout
-    assert done.stderr.splitlines() == ["viscovib: no?ne.nml: cannot be read (No such file or "
-                                        "directory)"]  # fmt: skip
+    monkeypatch.chdir(tmp_path)
+    assert main(["run", "two\nlines.nml", "blank ", "no\x1bne.nml", "--out", "o\nut"]) == 3
+    out, err = capsys.readouterr()
+    assert "o?ut/two?lines_response.csv: " in out
+    assert err == "viscovib: no?ne.nml: cannot be read (No such file or directory)\n"
     assert (tmp_path / "o\nut" / "blank _response.csv").exists()
     with pytest.raises(vv.InputError) as raised:
         vv.Scene.read(tmp_path / "two\nlines.nml").override({"a\u2028\x9b": "x" * 9000})
