@@ -116,25 +116,6 @@ subroutine frequency_grid(lowest, highest, logarithmic, n, grid)
   end if
 end subroutine frequency_grid
 
-!> What a branch would compute, but for what a single response does too. parameter:
-!! 1 the frequency, 2 the factor of the load, 3 one of the system. n_orders is minus the highest
-!! that may be chosen if they are chosen at each point.
-subroutine branch_plan(parameter, from, to, n_orders, with_stability, text)
-  use, intrinsic :: iso_c_binding, only: c_double, c_int
-  use viscovib_branch_job, only: plan_along
-  implicit none
-  integer(c_int), intent(in) :: parameter, n_orders, with_stability
-  real(c_double), intent(in) :: from, to
-  character(len=1024), intent(out) :: text
-  if (parameter == 1) then
-    text = plan_along('nu', from, to, max(0, n_orders), -n_orders, with_stability /= 0)
-  else if (parameter == 2) then
-    text = plan_along('load factor', from, to, max(0, n_orders), -n_orders, with_stability /= 0)
-  else
-    text = plan_along('the parameter', from, to, max(0, n_orders), -n_orders, with_stability /= 0)
-  end if
-end subroutine branch_plan
-
 !> Ask loops that may take long to end with what they have (1), or to go on (0).
 subroutine stop_loops(flag)
   use, intrinsic :: iso_c_binding, only: c_int

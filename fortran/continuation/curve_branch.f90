@@ -9,7 +9,7 @@ module viscovib_curve_branch
   use viscovib_curve, only: curve_type
   use viscovib_curve_corrector, only: aim, compare, correct, corrector_type, new_corrector
   use viscovib_curve_events, only: locate_branch_point, locate_fold, locate_value, nowhere
-  use viscovib_curve_options, only: curve_options, curve_options_from, curve_table
+  use viscovib_curve_options, only: curve_options, curve_table
   use viscovib_curve_point, only: angle_between, copy_point, curve_point, distance, &
     goes_to_and_fro, haunt_type, is_ahead, new_point, normalize, reverse
   use viscovib_curve_record, only: curve_branch_type, curve_closed, curve_completed, &
@@ -23,7 +23,7 @@ module viscovib_curve_branch
   private
 
   public :: follow_curve
-  public :: curve_branch_type, curve_options, curve_options_from, curve_outcomes, curve_table
+  public :: curve_branch_type, curve_options, curve_outcomes, curve_table
   public :: curve_closed, curve_completed, curve_fold_limit, curve_overflow, curve_returned, &
             curve_step_limit, curve_stopped, curve_stuck, curve_unphysical
 

@@ -1,5 +1,14 @@
-!> Tasks about free vibrations along their amplitude.
+!> Tasks about backbones: curves of free motions without losses.
 module viscovib_backbone_tasks
+  use viscovib_backbone, only: follow_backbone
+  use viscovib_backbone_plan, only: backbone_plan_type, new_backbone_plan
+  use viscovib_branch_tasks, only: given_curve
+  use viscovib_curve_branch, only: curve_branch_type, curve_options
+  use viscovib_free_family, only: follow_family, free_circle, free_family_type, free_options
+  use viscovib_kinds, only: i8, wp
+  use viscovib_orbit_multipliers, only: count_larger
+  use viscovib_oscillator, only: oscillator_type
+  use viscovib_pendulum, only: pendulum_type
   use viscovib_task, only: task_type
   implicit none
   private
@@ -12,9 +21,127 @@ contains
     type(task_type), intent(inout) :: task
     character(len=*), intent(in) :: name
     select case (name)
+    case ('oscillator')
+      call follow_oscillator(task)
+    case ('pendulum')
+      call follow_pendulum(task)
     case default
       call task%refuse_kind()
     end select
   end subroutine backbone_task
+
+  !> The backbone of a `mode`, counted from 0, along the amplitude of coordinate `dof`, counted from
+  !! 1 (0: the one that moves most; `name` is its name): `harmonics` orders, 0: as many as the
+  !! tolerance needs. Its plan, and cosines (m, n_dof, n); no points where it has no beginning.
+  subroutine follow_oscillator(task)
+    type(task_type), intent(inout) :: task
+    class(oscillator_type), pointer :: system
+    type(backbone_plan_type), target :: plan
+    type(curve_branch_type) :: backbone
+    type(curve_options) :: options
+    integer, allocatable :: orders(:)
+    integer :: harmonics, m, n, n_dof
+
+    system => task%system()
+    options = given_curve(task)
+    harmonics = task%get_integer('harmonics', 0)
+    if (task%failed()) return
+    call new_backbone_plan(plan, system, task%get_integer('mode'), task%get_integer('dof'), &
+                           task%get_text('name', ''), max(harmonics, 1), harmonics == 0, &
+                           options%tolerance, task%status)
+    if (task%failed()) return
+    call follow_backbone(plan, options, backbone, orders, task%cancel)
+    m = size(orders)
+    n = backbone%n_points
+    n_dof = system%n_dof()
+    associate (found => task%found, folds => backbone%folds)
+      call found%put_text('text', plan%text(options%start, options%finish))
+      call found%put_integer('ended', int(backbone%outcome, i8))
+      call found%put_integers('harmonics', orders, [m])
+      call found%put_reals('nu', backbone%x(m*n_dof + 1, :n), [n])
+      call found%put_reals('truncation', backbone%truncation(:n), [n])
+      call found%put_reals('error', backbone%error(:n), [n])
+      call found%put_reals('off', backbone%off(:n), [n])
+      call found%put_reals('cosines', backbone%x(:m*n_dof, :n), [m, n_dof, n])
+      call found%put_reals('folds', folds%p(:folds%n), [folds%n])
+      call found%put_reals('fold_errors', folds%error(:folds%n), [folds%n])
+    end associate
+  end subroutine follow_oscillator
+
+  !> Free motions of the pendulum, whose damping must be 0, along their amplitude (the cosine of
+  !! an order of coordinate `dof`, counted from 1) or, for `dof` = 0, their energy. `pattern` is 1
+  !! where an order of a coordinate is an unknown, and repeats from order 0 on; `unit` the base
+  !! frequency of small motions. Orders go to `harmonics` times `order`, or as far as the tolerance
+  !! needs, to `most` times `order`. They begin near the cosines `begin`, which are only scaled to
+  !! size, or, with a direction `along`, at these cosines, the frequency `begin_nu` and the size
+  !! `begin_p`; both to `harmonics` times `order`.
+  subroutine follow_pendulum(task)
+    type(task_type), intent(inout) :: task
+    type(pendulum_type), pointer :: system
+    type(free_options) :: options
+    type(free_family_type) :: family
+    real(wp), pointer, contiguous :: begin(:), along(:)
+    integer, allocatable :: pattern(:, :)
+
+    system => task%pendulum()
+    pattern = task%get_integer_matrix('pattern')
+    options%highest = task%get_integer('harmonics')
+    options%most = task%get_integer('most')
+    options%unit = task%get_real('unit')
+    options%dof = task%get_integer('dof')
+    options%order = task%get_integer('order')
+    options%curve = given_curve(task)
+    options%stability = task%get_flag('stability')
+    begin => task%get_reals('begin')
+    call task%check_extents('pattern', shape(pattern), [size(pattern, 1), 3])
+    call task%check_extents('begin', shape(begin), [3*(options%highest*options%order + 1)])
+    if (task%failed()) return
+    options%pattern = pattern /= 0
+    if (task%has('along')) then
+      along => task%get_reals('along')
+      call task%check_extents('along', shape(along), [size(begin) + 2])
+      if (task%failed()) return
+      call follow_family(family, system, options, begin, task%status, task%cancel, &
+                         task%get_real('begin_nu'), task%get_real('begin_p'), along)
+    else
+      call follow_family(family, system, options, begin, task%status, task%cancel)
+    end if
+    if (.not. task%failed()) call put_family(task, family)
+  end subroutine follow_pendulum
+
+  !> Cosines are those of all orders, (m, 3, n); `multipliers` (6, n) largest first, NaN where
+  !! unknown, and how many are outside the circle, -1: unknown.
+  subroutine put_family(task, family)
+    type(task_type), intent(inout) :: task
+    type(free_family_type), intent(in) :: family
+    integer :: i, m, n, n_points
+
+    n = size(family%parameter)
+    m = size(family%x, 1)
+    n_points = size(family%branch_p)
+    associate (found => task%found)
+      call found%put_integer('ended', int(family%outcome, i8))
+      call found%put_integer('highest', int(family%highest, i8))
+      call found%put_reals('nu', family%nu, [n])
+      call found%put_reals('energy', family%energy, [n])
+      call found%put_reals('truncation', family%truncation, [n])
+      call found%put_reals('error', family%error, [n])
+      call found%put_reals('off', family%off, [n])
+      call found%put_reals('cosines', family%x, [m/3, 3, n])
+      if (allocated(family%multipliers)) then
+        call found%put_complexes('multipliers', family%multipliers, shape(family%multipliers))
+        call found%put_integers('growing', [(count_larger(family%multipliers(:, i), free_circle), &
+                                             i=1, size(family%multipliers, 2))], &
+                                [size(family%multipliers, 2)])
+      end if
+      call found%put_reals('folds', family%folds, shape(family%folds))
+      call found%put_reals('fold_errors', family%fold_errors, shape(family%fold_errors))
+      call found%put_reals('branch_p', family%branch_p, [n_points])
+      call found%put_reals('branch_nu', family%branch_nu, [n_points])
+      call found%put_reals('branch_cosines', family%branch_x, [m/3, 3, n_points])
+      call found%put_reals('across', family%across, [m + 2, n_points])
+      call found%put_integers('branch_before', family%branch_before, [n_points])
+    end associate
+  end subroutine put_family
 
 end module viscovib_backbone_tasks

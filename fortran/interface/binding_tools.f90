@@ -1,7 +1,6 @@
 !> What the flat routines share: building systems from arrays, and turning a
 !! status into numbers and text.
 module viscovib_binding_tools
-  use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
   use, intrinsic :: iso_c_binding, only: c_char, c_int
   use viscovib_base_motion, only: base_motion_type
   use viscovib_body_vector, only: body_from_vector
@@ -10,13 +9,11 @@ module viscovib_binding_tools
   use viscovib_kernel_holder, only: kernel_holder
   use viscovib_kinds, only: wp
   use viscovib_load, only: load_type, new_load
-  use viscovib_motion_stability, only: stability_type
   use viscovib_mount, only: mount_parameters, mount_type, new_mount
   use viscovib_oscillator, only: oscillator_type
   use viscovib_pendulum, only: new_pendulum, pendulum_parameters, pendulum_type
   use viscovib_polynomial, only: polynomial_type
   use viscovib_reduction, only: reduce
-  use viscovib_response, only: response_options
   use viscovib_status, only: fail, one_line, status_input_error, status_type
   use viscovib_structure, only: structure_type
   use viscovib_structure_vector, only: structure_from_vector
@@ -26,8 +23,8 @@ module viscovib_binding_tools
   private
 
   public :: keep_moving, make_base, make_kernel, make_mount, make_system, make_pendulum, &
-            make_load, make_options, report
-  public :: fill_stability, send, to_complex
+            make_load, report
+  public :: send, to_complex
 
   !> Length of the flat mount: mass, inertia, offset, stiffness_x,
   !! stiffness_phi, damping (4, column by column), cubic_scale, memory_scale,
@@ -168,40 +165,6 @@ contains
     call new_load(load, n, merge(-1 - orders, orders, orders < 0), force, series(n + 1, :), &
                   status, moved)
   end subroutine make_load
-
-  !> 0 harmonics: chosen on the way; the tolerance relative, and absolute in coordinates.
-  pure function make_options(harmonics, tolerance, max_iterations, relaxation, keep_history) &
-    result(options)
-    integer, intent(in) :: harmonics, max_iterations, keep_history
-    real(wp), intent(in) :: tolerance(2), relaxation
-    type(response_options) :: options
-    options%harmonics = harmonics
-    options%choose_harmonics = harmonics == 0
-    options%tolerance = tolerance(1)
-    options%absolute = tolerance(2)
-    options%max_iterations = max_iterations
-    options%relaxation = relaxation
-    options%keep_history = keep_history /= 0
-  end function make_options
-
-  !> Into arrays that may have room for more, NaN there, or for less: those that grow most. Stable
-  !! is 2 where exponents may lack that decay more slowly than the first.
-  subroutine fill_stability(stability, stable, multipliers, exponents)
-    type(stability_type), intent(in) :: stability
-    integer, intent(out) :: stable(:)
-    complex(wp), intent(out) :: multipliers(:, :), exponents(:, :)
-    integer :: m, n
-
-    m = min(size(stability%multipliers, 1), size(multipliers, 1))
-    n = size(stability%stable)
-    stable = -1
-    stable(:n) = stability%stable
-    where (stability%stable == 1 .and. .not. stability%slowest) stable(:n) = 2
-    multipliers = cmplx(ieee_value(0.0_wp, ieee_quiet_nan), 0.0_wp, wp)
-    exponents = multipliers
-    multipliers(:m, :n) = stability%multipliers(:m, :)
-    exponents(:m, :n) = stability%exponents(:m, :)
-  end subroutine fill_stability
 
   !> Harmonics as numbers of their own, from real and imaginary parts by turns.
   pure subroutine to_complex(x, coefficients)

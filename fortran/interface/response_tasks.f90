@@ -1,10 +1,37 @@
-!> Tasks about steady motions of oscillators.
+!> Tasks about steady motions of oscillators. The load is a Fourier series: `orders` (m) and
+!! `series` (n_dof + 1, m), forces on the coordinates, then the motion of the base, as of `make_load`.
 module viscovib_response_tasks
+  use viscovib_binding_tools, only: make_load
+  use viscovib_curve_peak, only: climb, harmonic_measure
+  use viscovib_family_curve, only: new_family_curve, new_plain_curve, system_builder
+  use viscovib_forced_response, only: forced_response
+  use viscovib_harmonic_set, only: harmonic_set_type, new_harmonic_set
+  use viscovib_kinds, only: i8, wp
+  use viscovib_load, only: load_type
+  use viscovib_motion_checks, only: losses_of
+  use viscovib_motion_stability, only: stability_type
+  use viscovib_order_rules, only: most_along
+  use viscovib_oscillator, only: oscillator_type
+  use viscovib_oscillator_curve, only: oscillator_curve_type, vary_frequency, vary_load
+  use viscovib_polynomial, only: polynomial_type
+  use viscovib_reduction, only: moved_coordinates, reduce
+  use viscovib_response, only: response_options, response_type
+  use viscovib_response_plan, only: method_names, new_response_plan, response_plan_type
+  use viscovib_rounding_error, only: rounding_judge
+  use viscovib_sampled_peak, only: peak_of_samples
+  use viscovib_sampling_error, only: sampling_judge
+  use viscovib_status, only: fail, status_input_error
+  use viscovib_stopping, only: is_set
   use viscovib_task, only: task_type
+  use viscovib_vector_builder, only: vector_builder
   implicit none
   private
 
   public :: response_task
+  public :: given_builder, given_load, given_options, given_variation, planned_orders, put_stability
+
+  !> What varies where it is neither the frequency nor the load: numbers of the system.
+  integer, parameter, public :: vary_system = vary_load + 1
 
 contains
 
@@ -12,9 +39,450 @@ contains
     type(task_type), intent(inout) :: task
     character(len=*), intent(in) :: name
     select case (name)
+    case ('plan')
+      call plan_response(task)
+    case ('solve')
+      call solve_response(task)
+    case ('peak')
+      call find_peak(task)
+    case ('sampling_errors')
+      call find_sampling_errors(task)
+    case ('rounding_errors')
+      call find_rounding_errors(task)
+    case ('losses')
+      call find_losses(task)
     case default
       call task%refuse_kind()
     end select
   end subroutine response_task
+
+  subroutine given_load(task, load)
+    type(task_type), intent(inout) :: task
+    type(load_type), intent(out) :: load
+    integer, allocatable :: orders(:)
+    complex(wp), pointer, contiguous :: series(:, :)
+
+    orders = task%get_integers('orders')
+    series => task%get_complex_matrix('series')
+    call task%check_extents('series', shape(series), [size(series, 1), size(orders)])
+    if (size(series, 1) < 2 .and. .not. task%failed()) then
+      call fail(task%status, status_input_error, 'series', 'series: must have a row for each ' &
+                //'coordinate and one for the base')
+    end if
+    if (.not. task%failed()) call make_load(load, orders, series, task%status)
+  end subroutine given_load
+
+  !> System and load of a task, which fit each other.
+  subroutine given_system(task, system, load)
+    type(task_type), intent(inout) :: task
+    class(oscillator_type), pointer, intent(out) :: system
+    type(load_type), intent(out) :: load
+
+    system => task%system()
+    if (.not. task%failed()) call given_load(task, load)
+    if (.not. task%failed()) call task%check_extents('series', [size(load%force, 1)], &
+                                                     [system%n_dof()])
+  end subroutine given_system
+
+  !> What `varies`: "nu", "load_factor", or numbers of the system by another name.
+  integer function given_variation(task) result(parameter)
+    type(task_type), intent(inout) :: task
+    select case (task%get_text('varies', 'nu'))
+    case ('nu')
+      parameter = vary_frequency
+    case ('load_factor')
+      parameter = vary_load
+    case default
+      parameter = vary_system
+    end select
+  end function given_variation
+
+  !> Systems whose numbers are `flat` (n) + p `direction` (:n) + p^2 `direction` (n + 1:) + ...,
+  !! their kernels those of the object.
+  function given_builder(task) result(builder)
+    type(task_type), intent(inout) :: task
+    type(vector_builder) :: builder
+    real(wp), pointer, contiguous :: flat(:), direction(:), data_x(:), data_phi(:)
+
+    flat => task%get_reals('flat')
+    direction => task%get_reals('direction')
+    data_x => task%get_reals('data_x')
+    data_phi => task%get_reals('data_phi')
+    builder = vector_builder(flat, direction, data_x, data_phi, task%get_integer('kind_x'), &
+                             task%get_integer('kind_phi'))
+    if (size(builder%flat) == 0 .and. .not. task%failed()) then
+      call fail(task%status, status_input_error, 'flat', 'flat: must not be empty')
+    end if
+  end function given_builder
+
+  !> `harmonics` 0: chosen on the way; `relaxation` 0: halved where needed.
+  function given_options(task) result(options)
+    type(task_type), intent(inout) :: task
+    type(response_options) :: options
+    options%harmonics = task%get_integer('harmonics', 0)
+    options%choose_harmonics = options%harmonics == 0
+    options%tolerance = task%get_real('tolerance', options%tolerance)
+    options%absolute = task%get_real('atol', options%absolute)
+    options%max_iterations = task%get_integer('max_iterations', options%max_iterations)
+    options%relaxation = task%get_real('relaxation', options%relaxation)
+    options%keep_history = task%get_flag('history', .false.)
+    options%stability = task%get_flag('stability', .false.)
+    options%keep_idle = task%get_flag('keep_idle', .false.)
+    options%symmetric = task%get_flag('symmetric', .true.)
+  end function given_options
+
+  subroutine new_plan(task, system, load, nu, plan)
+    type(task_type), intent(inout) :: task
+    class(oscillator_type), pointer, intent(out) :: system
+    type(load_type), intent(out) :: load
+    real(wp), pointer, contiguous, intent(out) :: nu(:)
+    type(response_plan_type), intent(out) :: plan
+    type(response_options) :: options
+    character(len=:), allocatable :: method
+
+    call given_system(task, system, load)
+    nu => task%get_reals('nu')
+    method = task%get_text('method')
+    options = given_options(task)
+    if (task%failed()) return
+    call new_response_plan(plan, system, load, nu, findloc(method_names == method, .true., 1), &
+                           options, task%status)
+  end subroutine new_plan
+
+  !> What `solve` will do: the orders it keeps, or may keep, the method, and the plan in words;
+  !! `rest` are its lines that hold for a branch.
+  subroutine plan_response(task)
+    type(task_type), intent(inout) :: task
+    class(oscillator_type), pointer :: system
+    real(wp), pointer, contiguous :: nu(:)
+    type(load_type) :: load
+    type(response_plan_type) :: plan
+    integer, allocatable :: orders(:)
+
+    call new_plan(task, system, load, nu, plan)
+    if (task%failed()) return
+    orders = planned_orders(plan, system, load)
+    call task%found%put_integers('kept', orders, shape(orders))
+    call task%found%put_text('method', trim(method_names(plan%method)))
+    call task%found%put_text('text', plan%text)
+    call task%found%put_text('rest', plan%rest)
+  end subroutine plan_response
+
+  !> All orders that a response, or a branch, may keep.
+  pure function planned_orders(plan, system, load) result(orders)
+    type(response_plan_type), intent(in) :: plan
+    class(oscillator_type), intent(in) :: system
+    type(load_type), intent(in) :: load
+    integer, allocatable :: orders(:)
+    integer :: k, most
+
+    orders = plan%set%orders
+    if (.not. plan%chosen) return
+    most = plan%most
+    ! Along a branch fewer may be chosen.
+    if (plan%options%keep_idle) most = min(most, most_along(system, load))
+    orders = [(k, k=merge(1, 0, plan%set%half_wave), most, merge(2, 1, plan%set%half_wave))]
+  end function planned_orders
+
+  !> The response at each `nu` (n), which Newton's method may begin at a motion `start`: unknowns
+  !! relative to the base of all orders that the plan allows.
+  subroutine solve_response(task)
+    type(task_type), intent(inout) :: task
+    class(oscillator_type), pointer :: system
+    real(wp), pointer, contiguous :: nu(:), start(:)
+    type(load_type) :: load
+    type(response_plan_type) :: plan
+    type(response_type) :: response
+
+    call new_plan(task, system, load, nu, plan)
+    if (task%failed()) return
+    if (task%has('start')) then
+      start => task%get_reals('start')
+      call forced_response(plan, system, load, nu, response, task%cancel, &
+                           reshape(start, [size(start)/system%n_dof(), system%n_dof()]))
+    else
+      call forced_response(plan, system, load, nu, response, task%cancel)
+    end if
+    ! Nobody waits for what was given up.
+    if (is_set(task%cancel)) return
+    associate (found => task%found)
+      call found%put_integers('kept', response%orders, shape(response%orders))
+      call found%put_text('method', trim(method_names(plan%method)))
+      call found%put_complexes('coefficients', response%coefficients, shape(response%coefficients))
+      call found%put_integers('outcomes', response%outcome, shape(nu))
+      call found%put_integers('iterations', response%iterations, shape(nu))
+      call found%put_integers('highest', response%highest, shape(nu))
+      call found%put_reals('rate', response%rate, shape(nu))
+      call found%put_reals('truncation', response%truncation, shape(nu))
+      call found%put_reals('allowed', response%allowed, shape(nu))
+      if (plan%options%keep_history) then
+        call found%put_reals('corrections', response%corrections, shape(response%corrections))
+      end if
+    end associate
+    if (plan%options%stability) call put_stability(task, response%stability, system%n_dof())
+  end subroutine solve_response
+
+  !> `stable` is 2 where exponents may lack that decay more slowly than the first; of `multipliers`
+  !! and `exponents` those that grow most, NaN where there are none.
+  subroutine put_stability(task, stability, n_dof)
+    type(task_type), intent(inout) :: task
+    type(stability_type), intent(in) :: stability
+    integer, intent(in) :: n_dof
+    integer :: m
+
+    m = min(size(stability%multipliers, 1), 2*n_dof + 4)
+    associate (found => task%found, n => size(stability%stable))
+      call found%put_integers('stable', merge(2, stability%stable, stability%stable == 1 &
+                                              .and. .not. stability%slowest), [n])
+      call found%put_integers('growing', stability%n_growing, [n])
+      call found%put_complexes('multipliers', stability%multipliers(:m, :), [m, n])
+      call found%put_complexes('exponents', stability%exponents(:m, :), [m, n])
+    end associate
+  end subroutine put_stability
+
+  !> The largest size of harmonic `place` (in `kept`) of coordinate `dof`, both from 1: at one of
+  !! the motions at `p`, ascending, or at a summit between two of them (`enclosed` = 1); of a single
+  !! motion, the summit that the branch leads up to from it between `low` and `high`. With `wide`
+  !! = 0 only next to the largest motion. `samples`: absolute harmonics (m, n_dof, n).
+  subroutine find_peak(task)
+    type(task_type), intent(inout) :: task
+    class(oscillator_type), pointer :: system
+    class(oscillator_type), allocatable, target :: own
+    type(load_type), target :: load, part
+    type(polynomial_type), target :: reduced
+    class(oscillator_curve_type), allocatable :: curve
+    class(system_builder), allocatable :: builder
+    type(harmonic_set_type) :: set
+    type(harmonic_measure) :: measure
+    real(wp), pointer, contiguous :: p(:)
+    complex(wp), pointer, contiguous :: samples(:, :, :)
+    integer, allocatable :: kept(:)
+    logical, allocatable :: moved(:)
+    real(wp), allocatable :: x(:, :)
+    real(wp) :: nu, tolerance, low, high, peak_p, peak_size
+    integer :: d, dof, i, n, n_dof, parameter, place, row
+    logical :: summit, wide, keep_idle
+
+    parameter = given_variation(task)
+    call given_load(task, load)
+    nu = task%get_real('at_nu')
+    kept = task%get_integers('kept')
+    keep_idle = task%get_flag('keep_idle')
+    tolerance = task%get_real('tolerance')
+    p => task%get_reals('p')
+    samples => task%get_complex_cube('samples')
+    dof = task%get_integer('dof')
+    place = task%get_integer('place')
+    low = task%get_real('low', 0.0_wp)
+    high = task%get_real('high', 0.0_wp)
+    wide = task%get_flag('wide', .true.)
+    n = size(p)
+    if (parameter > vary_load) then
+      allocate (builder, source=given_builder(task))
+      if (.not. task%failed()) call builder%build(p(1), own, task%status)
+      system => own
+    else
+      system => task%system()
+    end if
+    if (task%failed()) return
+    n_dof = system%n_dof()
+    call task%check_extents('samples', shape(samples), [size(kept), n_dof, n])
+    if (task%failed()) return
+    call new_harmonic_set(set, kept(size(kept)), kept(1) > 0, system%degree)
+    moved = moved_coordinates(system, load%drives(system) .or. keep_idle)
+    if (parameter > vary_load) then
+      moved = .true.
+      call new_family_curve(curve, builder, p(1), max(abs(low), abs(high)), load, set, nu, &
+                            task%status)
+    else if (all(moved)) then
+      call new_plain_curve(curve, system, load, set, parameter, nu)
+    else
+      call reduce(system, moved, reduced)
+      call load%take_part(moved, part)
+      call new_plain_curve(curve, reduced, part, set, parameter, nu)
+    end if
+    if (task%failed()) return
+    peak_p = 0.0_wp
+    peak_size = -1.0_wp
+    summit = .false.
+    if (moved(dof)) then
+      allocate (x(2*size(kept)*count(moved), n))
+      row = 0
+      do d = 1, n_dof
+        if (.not. moved(d)) cycle
+        do i = 1, n
+          x(row + 1:row + 2*size(kept):2, i) = real(samples(:, d, i))
+          x(row + 2:row + 2*size(kept):2, i) = aimag(samples(:, d, i))
+        end do
+        call take_base_motion(d, row)
+        if (d == dof) measure%place = row + 2*place - [1, 0]
+        row = row + 2*size(kept)
+      end do
+      if (n == 1) then
+        peak_p = p(1)
+        call climb(curve, measure, tolerance, low, high, x(:, 1), peak_p, summit, task%cancel)
+        peak_size = measure%size_at(x(:, 1), peak_p)
+      else
+        call peak_of_samples(curve, measure, tolerance, p, x, wide, peak_p, peak_size, summit, &
+                             task%cancel)
+      end if
+    end if
+    call task%found%put_real('at', peak_p)
+    call task%found%put_real('size', peak_size)
+    call task%found%put_integer('enclosed', merge(1_i8, 0_i8, summit))
+
+  contains
+
+    !> The motion relative to the base, and what the harmonic measured has besides.
+    subroutine take_base_motion(coordinate, first)
+      integer, intent(in) :: coordinate, first
+      complex(wp) :: base, shift(system%n_dof())
+      real(wp) :: factor(n)
+      integer :: j, k
+
+      factor = 1.0_wp
+      if (parameter == vary_load) factor = p
+      do j = 1, size(load%orders)
+        k = findloc(kept, load%orders(j), 1)
+        if (k == 0) cycle
+        shift = load%shift(system, j)
+        base = shift(coordinate)
+        x(first + 2*k - 1, :) = x(first + 2*k - 1, :) - factor*real(base)
+        x(first + 2*k, :) = x(first + 2*k, :) - factor*aimag(base)
+        if (coordinate /= dof .or. k /= place) cycle
+        if (parameter == vary_load) then
+          measure%offset_by_p = [real(base), aimag(base)]
+        else
+          measure%offset = [real(base), aimag(base)]
+        end if
+      end do
+    end subroutine take_base_motion
+
+  end subroutine find_peak
+
+  !> Unknowns of a motion: real and imaginary parts by turns.
+  pure function unknowns_of(motion) result(x)
+    complex(wp), intent(in) :: motion(:, :)
+    real(wp) :: x(2*size(motion, 1), size(motion, 2))
+    x(1::2, :) = real(motion)
+    x(2::2, :) = aimag(motion)
+  end function unknowns_of
+
+  !> Relative `errors` of motions by the samples of their forces: `motions` (m, n_dof, n) at `p` (n)
+  !! of harmonics `kept` (m) relative to the base, of which the first `used` (n) are there; -1 where
+  !! that is not known.
+  subroutine find_sampling_errors(task)
+    type(task_type), intent(inout) :: task
+    class(oscillator_type), pointer :: system
+    class(oscillator_type), allocatable, target :: own
+    type(load_type) :: load
+    type(sampling_judge) :: judge
+    type(vector_builder) :: builder
+    real(wp), pointer, contiguous :: p(:)
+    complex(wp), pointer, contiguous :: motions(:, :, :)
+    integer, allocatable :: kept(:), used(:)
+    real(wp), allocatable :: errors(:)
+    real(wp) :: nu, at, factor
+    integer :: i, parameter
+
+    parameter = given_variation(task)
+    call given_load(task, load)
+    nu = task%get_real('at_nu')
+    p => task%get_reals('p')
+    call given_motions(task, size(p), kept, used, motions)
+    nullify (system)
+    if (parameter > vary_load) then
+      builder = given_builder(task)
+    else
+      system => task%system()
+    end if
+    if (task%failed()) return
+    allocate (errors(size(p)), source=-1.0_wp)
+    do i = 1, size(p)
+      if (is_set(task%cancel)) exit
+      at = merge(p(i), nu, parameter == vary_frequency)
+      factor = merge(p(i), 1.0_wp, parameter == vary_load)
+      if (parameter > vary_load) then
+        call builder%build(p(i), own, task%status)
+        if (task%failed()) return
+        system => own
+        call judge%forget()
+      end if
+      if (used(i) == 0) cycle
+      call judge%error_of(system, load, at, factor, kept(1) > 0, &
+                          unknowns_of(motions(:used(i), :, i)), errors(i))
+    end do
+    call task%found%put_reals('errors', errors, shape(errors))
+  end subroutine find_sampling_errors
+
+  subroutine given_motions(task, n, kept, used, motions)
+    type(task_type), intent(inout) :: task
+    integer, intent(in) :: n
+    integer, allocatable, intent(out) :: kept(:), used(:)
+    complex(wp), pointer, contiguous, intent(out) :: motions(:, :, :)
+    kept = task%get_integers('kept')
+    used = task%get_integers('used')
+    motions => task%get_complex_cube('motions')
+    call task%check_extents('used', shape(used), [n])
+    call task%check_extents('motions', shape(motions), [size(kept), size(motions, 2), n])
+  end subroutine given_motions
+
+  !> Relative `errors` of motions at `nu` (n) as solutions of their equations, or of those next to
+  !! rest (`linear`); motions as above.
+  subroutine find_rounding_errors(task)
+    type(task_type), intent(inout) :: task
+    class(oscillator_type), pointer :: system
+    type(load_type) :: load
+    type(rounding_judge) :: judge
+    real(wp), pointer, contiguous :: nu(:)
+    complex(wp), pointer, contiguous :: motions(:, :, :)
+    integer, allocatable :: kept(:), used(:)
+    real(wp), allocatable :: errors(:)
+    logical :: linear
+    integer :: i
+
+    call given_system(task, system, load)
+    nu => task%get_reals('nu')
+    call given_motions(task, size(nu), kept, used, motions)
+    linear = task%get_flag('linear')
+    if (task%failed()) return
+    allocate (errors(size(nu)), source=-1.0_wp)
+    do i = 1, size(nu)
+      if (is_set(task%cancel)) exit
+      if (used(i) == 0) cycle
+      call judge%error_of(system, load, nu(i), kept(1) > 0, linear, &
+                          unknowns_of(motions(:used(i), :, i)), errors(i))
+    end do
+    call task%found%put_reals('errors', errors, shape(errors))
+  end subroutine find_rounding_errors
+
+  !> Energy `lost` in a period (J) by motions at frequencies `nu` (n) and factors of the load
+  !! `factor` (n), of orders up to `highest` (n); NaN where it is not known.
+  subroutine find_losses(task)
+    type(task_type), intent(inout) :: task
+    class(oscillator_type), pointer :: system
+    type(load_type) :: load
+    real(wp), pointer, contiguous :: nu(:), factor(:)
+    complex(wp), pointer, contiguous :: motions(:, :, :)
+    integer, allocatable :: kept(:), highest(:)
+    real(wp), allocatable :: lost(:)
+    logical :: linear
+
+    call given_system(task, system, load)
+    nu => task%get_reals('nu')
+    factor => task%get_reals('factor')
+    highest = task%get_integers('highest')
+    kept = task%get_integers('kept')
+    motions => task%get_complex_cube('motions')
+    linear = task%get_flag('linear')
+    if (task%failed()) return
+    call task%check_extents('factor', shape(factor), shape(nu))
+    call task%check_extents('highest', shape(highest), shape(nu))
+    call task%check_extents('motions', shape(motions), [size(kept), system%n_dof(), size(nu)])
+    if (task%failed()) return
+    allocate (lost(size(nu)))
+    call losses_of(system, load, kept, nu, factor, highest, linear, motions, lost)
+    call task%found%put_reals('lost', lost, shape(lost))
+  end subroutine find_losses
 
 end module viscovib_response_tasks

@@ -11,10 +11,10 @@ import numpy as np
 import numpy.typing as npt
 
 from viscovib import _native
-from viscovib._native import ComplexArray, FloatArray, core
+from viscovib._native import ComplexArray, FloatArray
 from viscovib.common.counts import things
 from viscovib.common.motion_stability import STABILITY_NOTE, stability_columns
-from viscovib.common.parameters import MAX_HARMONICS, MAX_UNKNOWNS, CurveOptions, Interval
+from viscovib.common.parameters import MAX_HARMONICS, CurveOptions, Interval
 from viscovib.common.periodic_motions import PeriodicMotions
 from viscovib.common.plan import Plan, wanted_places
 from viscovib.common.results import Number, Panel, Result, named, span
@@ -22,7 +22,6 @@ from viscovib.common.tables import Table, listed, listed_units
 from viscovib.common.values import Value
 from viscovib.errors import ConvergenceWarning, InputError, caller
 from viscovib.results.curves import (
-    MAX_SPECIAL,
     OUTCOMES,
     allowed_beside,
     fold_notes,
@@ -299,7 +298,7 @@ def oscillator_backbone(
         raise InputError("amplitude_range: must be given for all systems but a pendulum")
     ends = Interval("amplitude_range", above=0).check(amplitude_range)
     curve = CurveOptions.checked(options)
-    wanted, points = curve.tolerance, curve.max_points
+    wanted = curve.tolerance
     chosen = _native.is_auto(harmonics)
     highest = 1 if chosen else _native.integer("harmonics", harmonics, 1, MAX_HARMONICS)
     if isinstance(system, Structure):
@@ -307,65 +306,63 @@ def oscillator_backbone(
         most = place - 1 if place else system._moving_most(j)
         loaded, row = system._free.watching(most)
         view = View.of(system, loaded, coordinates)
-        n_dof, place = loaded.condensation.q, row + 1
-        job = (*loaded.job[:5], j, place)
+        handle, place = loaded._handle, row + 1
     else:
         if coordinates is not None:
             raise InputError("coordinates: can be chosen for a structure only, must be None")
-        n_dof = len(names)
-        job = (system._flat, *system._kernels, j, place)
-    n_kept, text = _native.call(
-        core.oscillator_backbone_plan, *job, (dof or "").encode(), *ends, highest, int(chosen),
-        wanted,
+        handle = system._handle
+    found = _native.apart(
+        lambda: _native.run(
+            "backbone oscillator", handle, mode=j, dof=place, name=dof or "",
+            harmonics=0 if chosen else highest, **curve.along(*ends),
+        )
     )  # fmt: skip
-    room = 100 * MAX_UNKNOWNS**2 // (n_kept * n_dof)
-    if points > room:
-        raise InputError(f"max_points = {points}: must be at most {room} with these unknowns")
-    cancel = np.zeros(1, dtype=np.intc)
-    (
-        n, ended, m, kept, nu, truncation, error, off, coefficients, n_folds, folds, fold_errors,
-    ) = _native.call_interruptibly(
-        core.oscillator_backbone, cancel, *job, curve.packed(*ends), highest, int(chosen), points,
-        n_kept, n_dof, MAX_SPECIAL, cancel,
-    )  # fmt: skip
-    if n == 0:
+    nu, orders, off = found["nu"], found["harmonics"], found["off"]
+    ended = OUTCOMES[found["ended"]]
+    if not nu.size:
         raise InputError(
             f"amplitude_range: no solution was found at its beginning {ends[0]:g}, nor on the way "
             f"up to it from rest, where this mode ends before: begin lower{told_edges(system)}"
         )
-    edges = told_edges(system) if OUTCOMES[ended] == "stuck" else ""
+    edges = told_edges(system) if ended == "stuck" else ""
     if edges:
         warnings.warn(
-            f"the backbone ends at nu = {nu[n - 1]:.6g}{edges}",
+            f"the backbone ends at nu = {nu[-1]:.6g}{edges}",
             ConvergenceWarning,
             stacklevel=caller(),
         )
-    own = np.ascontiguousarray(coefficients[:m, :, :n].T)
+    own = imaginary(found["cosines"].T)
     allowed = allowed_beside(own, wanted, curve.values["atol"])
-    warn_of_doubts(truncation[:n], off[:n], (wanted, allowed), int(kept[m - 1]))
-    plan = Plan(text.decode())
-    units = system.dof_units
+    warn_of_doubts(found["truncation"], off, (wanted, allowed), int(orders[-1]))
+    text, units = found["text"], system.dof_units
     if view is not None:
-        own = view.expand(nu[:n], kept[:m], own)
+        own = view.expand(nu, orders, own)
         names, units = view.names, view.units
-        plan = Plan(f"computes: {view.loaded.told}\n{text.decode()}")
+        text = f"computes: {view.loaded.told}\n{text}"
     return Backbone(
-        nu=nu[:n].copy(),
-        harmonics=kept[:m].copy(),
+        nu=nu,
+        harmonics=orders,
         coefficients=own,
-        truncation=truncation[:n].copy(),
-        error=error[:n].copy(),
+        truncation=found["truncation"],
+        error=found["error"],
         mode=j,
-        outcome=OUTCOMES[ended],
-        folds=folds[:n_folds].copy(),
-        fold_errors=fold_errors[:n_folds].copy(),
+        outcome=ended,
+        folds=found["folds"],
+        fold_errors=found["fold_errors"],
         dof_names=names,
         dof_units=units,
-        plan=plan,
+        plan=Plan(text),
         _tolerance=wanted,
-        _off=off[:n].copy(),
+        _off=off,
         _allowed=allowed,
     )
+
+
+def imaginary(cosines: FloatArray) -> ComplexArray:
+    """X_k of cosines."""
+    found = np.zeros(cosines.shape, dtype=complex)
+    found.imag = cosines
+    return found
 
 
 def warn_of_doubts(

@@ -17,10 +17,9 @@ from viscovib.analyses.torus import (
     FREQUENCIES,
     IntArray,
     Torus,
+    TorusJob,
     bound_of,
     chosen,
-    complex_coefficients,
-    core_job,
     kept_by_symmetry,
     make_torus,
     moved,
@@ -360,34 +359,31 @@ def _solve(
     check_size(varies or "nu", rows.size, n)
     # Those that judge the solution come with the others.
     orders = torus.lattice(bounds[1] + torus.shells)
-    job, unit = core_job(pend, torus, orders, varies)
-    kept = np.asfortranarray(kept_by_symmetry(pend, torus, orders, varies))
-    cancel = np.zeros(1, dtype=np.intc)
-    (
-        x, codes, iterations, highest, truncation, error, multipliers_found, growing, rates, off,
-    ) = _native.call_interruptibly(
-        core.pendulum_balance, cancel, *job[:2], kept, *job[2:], rows / unit, tolerance, duration,
-        *bounds, torus.shells, np.zeros(n), cancel,
+    kept = kept_by_symmetry(pend, torus, orders, varies)
+    job = TorusJob.of(pend, torus, orders, varies, kept)
+    values = rows / job.unit
+    solved = job.run_apart(
+        "drive solve", p=values, tolerance=tolerance, duration=float(duration), first=bounds[0],
+        last=bounds[1], step=torus.shells,
     )  # fmt: skip
+    highest, codes = solved["highest"], solved["outcomes"]
     used = np.abs(orders).sum(axis=1) <= max(int(highest.max()), bounds[0])
     orders, kept = orders[used], kept[used]
     found = codes == 0
-    coefficients = complex_coefficients(x)[:, :, : len(orders)]
+    coefficients = solved["coefficients"].T[:, :, : len(orders)]
     coefficients[~found] = np.nan
-    truncation[~found] = np.nan
-    error[~found] = np.nan
-    base = np.tile(torus.base, (rows.size, 1))
-    if job[5] == 1:
-        base[:, job[6] - 1] = rows / unit  # type: ignore[operator]
+    truncation, error = (np.where(found, solved[name], np.nan) for name in ("truncation", "error"))
+    base = job.base(torus, values)
     multipliers, stable, growth, growth_error = None, None, None, None
-    if duration and torus.n_axes == 1:
-        multipliers, stable = multipliers_found.T.copy(), three_valued(growing == 0, growing < 0)
+    if "multipliers" in solved:
+        growing = solved["growing"]
+        multipliers, stable = solved["multipliers"].T, three_valued(growing == 0, growing < 0)
         multipliers[~found] = np.nan
         warn_of_unknown(found & (growing < 0))
         growth = np.log(np.abs(multipliers)) * base / (2 * np.pi)
-    elif duration:
-        growth = np.where(found, rates, np.nan).T
-        growth_error = np.where(found, off, np.nan).T
+    elif "rates" in solved:
+        growth = np.where(found, solved["rates"], np.nan).T
+        growth_error = np.where(found, solved["rates_off"], np.nan).T
         stable = told_by_rates(growth, growth_error, found)
     return DrivenResponse(
         varies=varies,
@@ -397,7 +393,7 @@ def _solve(
         orders=orders,
         coefficients=coefficients,
         outcome=OUTCOMES[codes],
-        iterations=iterations,
+        iterations=solved["iterations"],
         highest=highest,
         truncation=truncation,
         error=error,

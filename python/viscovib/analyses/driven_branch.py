@@ -11,16 +11,15 @@ import numpy as np
 import numpy.typing as npt
 
 from viscovib import _native
-from viscovib._native import ComplexArray, FloatArray, core
+from viscovib._native import ComplexArray, FloatArray
 from viscovib.analyses.driven import check_size
 from viscovib.analyses.torus import (
     FREQUENCIES,
     IntArray,
     Torus,
+    TorusJob,
     bound_of,
     chosen,
-    complex_coefficients,
-    core_job,
     kept_by_symmetry,
     make_torus,
     moved,
@@ -53,7 +52,6 @@ from viscovib.common.stability import told_by_rates, warn_of_unknown
 from viscovib.common.tables import Table, listed
 from viscovib.errors import ConvergenceWarning, InputError, caller
 from viscovib.results.curves import (
-    MAX_SPECIAL,
     OUTCOMES,
     BranchPoint,
     Crossing,
@@ -157,8 +155,7 @@ class DrivenBranch(PeriodicMotions, Curve):
     plan: Plan
     #: The job as the core takes it, units of what varies in the parameter, the relative error
     #: wanted and what orders left out come to where that is largest.
-    _job: tuple[Any, ...] = field(repr=False)
-    _unit: float = field(repr=False)
+    _job: TorusJob = field(repr=False)
     _tolerance: float = field(repr=False)
     _worst: float = field(repr=False)
     #: How far rounding leaves each point off its curve.
@@ -219,12 +216,12 @@ class DrivenBranch(PeriodicMotions, Curve):
         self, i: int, d: int, j: int, low: float, high: float
     ) -> tuple[float, float] | None:
         x = unknowns_of(self.coefficients[i])
-        cancel = np.zeros(1, dtype=np.intc)
-        at, size, found = _native.call_interruptibly(
-            core.pendulum_peak, cancel, *self._job, self.parameter[i] / self._unit, x,
-            self._tolerance, d + 1, j + 1, low / self._unit, high / self._unit, cancel,
+        unit = self._job.unit
+        found = self._job.run_apart(
+            "drive peak", p=self.parameter[i] / unit, x=x, tolerance=self._tolerance, dof=d + 1,
+            place=j + 1, low=float(low / unit), high=float(high / unit),
         )  # fmt: skip
-        return (at * self._unit, size) if found else None
+        return (found["at"] * unit, found["size"]) if found["enclosed"] else None
 
     def to_dataset(self) -> xr.Dataset:
         """Return all data as an xarray Dataset over the points."""
@@ -299,8 +296,8 @@ def _kept(
 ) -> IntArray:
     """All orders, or what the symmetry of system and loads leaves of them."""
     if symmetric:
-        return np.asfortranarray(kept_by_symmetry(pend, torus, orders, varies))
-    return np.ones((len(orders), 3), dtype=np.intc, order="F")
+        return kept_by_symmetry(pend, torus, orders, varies)
+    return np.ones((len(orders), 3), dtype=np.intc)
 
 
 def _bound_left(torus: Torus, leave: BranchPoint) -> int:
@@ -317,9 +314,8 @@ class _Pass:
 
     orders: IntArray
     bound: int
-    job: tuple[Any, ...]
-    unit: float
-    found: tuple[Any, ...]
+    job: TorusJob
+    found: dict[str, Any]
     worst: float
     #: How far orders left out move folds, as the core has them.
     moved: FloatArray
@@ -350,80 +346,78 @@ class _Way:
         orders = torus.lattice(bound)
         n = 3 * (2 * len(orders) - 1)
         check_size("max_points", curve.max_points, n)
-        job, unit = self._job(orders)
-        begin, begin_p, along = self._begin(n, job[2], unit)
-        cancel = np.zeros(1, dtype=np.intc)
-        found = _native.call_interruptibly(
-            core.pendulum_branch, cancel, *job,
-            curve.packed(self.start / unit, self.finish / unit, self.stops / unit),
-            curve.max_points, self.span, int(self.leave is not None), begin, begin_p, along,
-            MAX_SPECIAL, cancel,
+        job = self._job(orders)
+        found = job.run_apart(
+            "drive branch", duration=self.span, **self._begin(n, job),
+            **curve.along(
+                self.start / job.unit, self.finish / job.unit, stops=self.stops / job.unit
+            ),
         )  # fmt: skip
-        n_points, p, x = found[0], found[2], found[6]
-        n_folds, folds, _, before, fold_x = found[12:17]
-        if not n_points:
+        if not found:
             raise InputError(
                 f"{self.varies}: no solution was found at its beginning {self.start:g}: begin "
                 "elsewhere"
             )
-        judged, _ = self._job(torus.lattice(bound + torus.shells))
-        cancel = np.zeros(1, dtype=np.intc)
-        worst, next_bound, moved = _native.call_interruptibly(
-            core.pendulum_truncation, cancel, *judged, p[:n_points],
-            np.asfortranarray(x[:, :n_points]), n_folds, folds, fold_x, before, curve.tolerance,
-            bound, torus.shells, torus.largest(_FEWER) if auto else bound, cancel,
+        judged = self._job(torus.lattice(bound + torus.shells)).run_apart(
+            "drive truncation", p=found["p"], x=found["x"], fold_p=found["folds"],
+            fold_x=found["fold_x"], fold_before=found["fold_before"], tolerance=curve.tolerance,
+            bound=bound, step=torus.shells, most=torus.largest(_FEWER) if auto else bound,
         )  # fmt: skip
-        return _Pass(orders, bound, job, unit, found, worst, moved, next_bound)
+        return _Pass(
+            orders, bound, job, found, judged["truncation"], judged["moved"], judged["next"]
+        )
 
     def place_errors(self, last: _Pass) -> tuple[FloatArray, FloatArray]:
         """How far off branch points and crossings are, as the core has them."""
-        torus, found, room = self.torus, last.found, MAX_SPECIAL
-        n_points, p, x = found[0], found[2], found[6]
-        n_folds, folds, fold_errors, _, fold_x = found[12:17]
-        n_branch, branch_p, branch_x, _, branch_before = found[17:22]
-        n_crossings, _, before, where, known, turns, crossed_x = found[22:29]
-        n, step = min(n_crossings, room), torus.shells
-        lost = np.isnan(where)
+        torus, found = self.torus, last.found
+        where, known = (found.get(name, np.zeros(0)) for name in ("crossings", "crossing_errors"))
+        crossed = {
+            name: found.get(name, none)
+            for name, none in (
+                ("turns", np.zeros(0)), ("crossing_x", np.zeros((len(found["x"]), 0))),
+                ("before", np.zeros(0, dtype=int)),
+            )
+        }  # fmt: skip
+        lost, step = np.isnan(where), torus.shells
         if torus.n_axes == 1:
             # What orders left out do has signs: those next to the ones kept may cancel.
             step = max(step, min(last.bound, torus.largest() - last.bound) // step * step)
-        job, _ = self._job(torus.lattice(last.bound + step))
-        cancel = np.zeros(1, dtype=np.intc)
-        of_points, of_crossings = _native.call_interruptibly(
-            core.pendulum_place_errors, cancel, *job, p[:n_points],
-            np.asfortranarray(x[:, :n_points]), n_branch, branch_p, branch_x, branch_before,
-            n, np.where(lost, 0.0, where), crossed_x, before, turns, np.where(lost, 0.0, known),
-            last.bound, step, cancel,
+        errors = self._job(torus.lattice(last.bound + step)).run_apart(
+            "drive errors", p=found["p"], x=found["x"], branch_p=found["branch_points"],
+            branch_x=found["branch_x"], branch_before=found["branch_before"],
+            crossing_p=np.where(lost, 0.0, where), crossing_x=crossed["crossing_x"],
+            crossing_before=crossed["before"], turns=crossed["turns"],
+            known=np.where(lost, 0.0, known), bound=last.bound, step=step,
         )  # fmt: skip
+        of_points, of_crossings = errors["branch_errors"], errors["crossing_errors"]
         # Those that the continuation has located have the errors of these.
         located = (
-            (folds[:n_folds], fold_x[:, :n_folds], fold_errors + last.moved),
-            (branch_p[:n_branch], branch_x[:, :n_branch], of_points),
+            (found["folds"], found["fold_x"], found["fold_errors"] + last.moved),
+            (found["branch_points"], found["branch_x"], of_points),
         )
-        for i in np.flatnonzero(known[:n] >= 0):
-            for places, motions, errors in located:
-                same = (places == where[i]) & (motions == crossed_x[:, [i]]).all(axis=0)
+        for i in np.flatnonzero(known >= 0):
+            for places, motions, off in located:
+                same = (places == where[i]) & (motions == crossed["crossing_x"][:, [i]]).all(axis=0)
                 if same.any():
-                    of_crossings[i] = errors[same.argmax()]
+                    of_crossings[i] = off[same.argmax()]
         return of_points, of_crossings
 
-    def _job(self, orders: IntArray) -> tuple[tuple[Any, ...], float]:
-        """What the core takes of the system with these orders, and units of what varies."""
-        job, unit = core_job(self.system, self.torus, orders, self.varies)
+    def _job(self, orders: IntArray) -> TorusJob:
+        """What the core takes of the system with these orders."""
         kept = _kept(self.system, self.torus, orders, self.varies, symmetric=self.symmetric)
-        return (*job[:2], kept, *job[2:]), unit
+        return TorusJob.of(self.system, self.torus, orders, self.varies, kept)
 
-    def _begin(self, n: int, kept: IntArray, unit: float) -> tuple[FloatArray, float, FloatArray]:
+    def _begin(self, n: int, job: TorusJob) -> dict[str, Any]:
         """Unknowns to begin with, where, and the direction."""
         if self.leave is None:
-            return np.zeros(n), 0.0, np.zeros(n + 1)
+            return {}
         begin, along = self.leave.departure(n, self.opposite)
-        lost = np.where(kept.T == 1, 0.0, np.abs(self.leave.across)).max()
+        lost = np.where(job.given["kept"].T == 1, 0.0, np.abs(self.leave.across)).max()
         if lost > 1e-6 * np.abs(self.leave.across).max():
             raise InputError(
                 "leave: the motions that leave do not share the symmetry: give symmetric=False"
             )
-        return begin, self.leave.parameter / unit, along
+        return {"begin": begin, "begin_p": self.leave.parameter / job.unit, "along": along}
 
 
 def trace_pendulum(
@@ -491,76 +485,63 @@ def trace_pendulum(
             ConvergenceWarning,
             stacklevel=caller(),
         )
-    warn_of_rounding(last.found[5][: last.found[0]], curve.tolerance)
+    warn_of_rounding(last.found["off"], curve.tolerance)
     judged = ("rates" if torus.n_axes > 1 else "multipliers") if span else (
         "not asked for" if torus.n_axes == 1 or not stability
         else "of quasi-periodic motions: only over a duration"
     )  # fmt: skip
     plan = torus_plan(
         f"computes: the branch from {varies} = {start:g} to {finish:g}",
-        pend, torus, last.job[2], varies, judged,
+        pend, torus, last.job.given["kept"], varies, judged,
     )  # fmt: skip
     return _branch(way, last, plan)
 
 
 def _branch(way: _Way, last: _Pass, plan: Plan) -> DrivenBranch:
     """Give what the core found its names and units."""
-    (
-        n_points, ended, p, iterations, error, off, x, is_stop, multipliers_found, found, rates,
-        rates_off, n_folds, folds, fold_errors, _, fold_x, n_branch, branch_p, branch_x, across,
-        before, n_crossings, kinds, crossed_after, crossed_at, _, _, crossed_x,
-    ) = last.found  # fmt: skip
     branch_errors, crossing_errors = way.place_errors(last)
-    torus, unit = way.torus, last.unit
+    torus, unit, found = way.torus, last.job.unit, last.found
+    n = found["p"].size
     multipliers, stable, growing, growth, growth_error = None, None, None, None, None
-    if way.span and torus.n_axes > 1:
-        growth = rates[:, :n_points].T.copy()
-        growth_error = rates_off[:, :n_points].T.copy()
-        stable = told_by_rates(growth, growth_error, np.ones(n_points, dtype=bool))
-    elif way.span:
-        multipliers, growing = multipliers_found[:, :n_points].T.copy(), found[:n_points].copy()
+    if "rates" in found:
+        growth, growth_error = found["rates"].T, found["rates_off"].T
+        stable = told_by_rates(growth, growth_error, np.ones(n, dtype=bool))
+    elif "multipliers" in found:
+        multipliers, growing = found["multipliers"].T, found["growing"]
         stable = three_valued(growing == 0, growing < 0)
         warn_of_unknown(growing < 0)
-    base = np.tile(torus.base, (n_points, 1))
-    kind, which = last.job[6:8]
-    if kind == 1:
-        base[:, which - 1] = p[:n_points]
+    crossings: tuple[Crossing, ...] = ()
+    if growing is not None:
+        places = {"crossings": found["crossings"] * unit, "crossing_errors": crossing_errors * unit}
+        crossings = located_crossings(found | places, found["crossing_coefficients"].T, growing < 0)
+    points = {
+        "branch_points": found["branch_points"] * unit, "branch_errors": branch_errors * unit
+    }  # fmt: skip
     return DrivenBranch(
         varies=way.varies,
-        parameter=p[:n_points] * unit,
+        parameter=found["p"] * unit,
         axes=torus.names,
-        base=base,
+        base=last.job.base(torus, found["p"]),
         orders=last.orders,
-        coefficients=complex_coefficients(x[:, :n_points]),
+        coefficients=found["coefficients"].T,
         stable=stable,
         multipliers=multipliers,
         growing=growing,
         growth=growth,
         growth_error=growth_error,
-        folds=folds[:n_folds] * unit,
-        fold_errors=(fold_errors + last.moved)[:n_folds] * unit,
-        fold_coefficients=complex_coefficients(fold_x[:, :n_folds]),
+        folds=found["folds"] * unit,
+        fold_errors=(found["fold_errors"] + last.moved) * unit,
+        fold_coefficients=found["fold_coefficients"].T,
         branch_points=located_branch_points(
-            branch_p[:n_branch] * unit,
-            branch_errors * unit,
-            complex_coefficients(branch_x[:, :n_branch]),
-            before,
-            complex_coefficients(across[:-1, :n_branch]),
-            branch_x,
-            across,
+            found | points, found["branch_coefficients"].T, found["branch_directions"].T
         ),
-        crossings=located_crossings(
-            (n_crossings, kinds, crossed_after, crossed_at * unit, crossing_errors * unit),
-            complex_coefficients(crossed_x[:, :n_crossings]),
-            None if growing is None else growing < 0,
-        ),
-        stops=np.flatnonzero(is_stop[:n_points]),
-        outcome=OUTCOMES[ended],
-        iterations=iterations[:n_points].copy(),
-        error=error[:n_points].copy(),
-        _off=off[:n_points].copy(),
+        crossings=crossings,
+        stops=found["stops"] - 1,
+        outcome=OUTCOMES[found["ended"]],
+        iterations=found["iterations"],
+        error=found["error"],
+        _off=found["off"],
         _job=last.job,
-        _unit=unit,
         _tolerance=way.curve.tolerance,
         _worst=last.worst,
         plan=plan,

@@ -12,9 +12,9 @@ import numpy as np
 import numpy.typing as npt
 
 from viscovib import _native
-from viscovib._native import ComplexArray, FloatArray, core
+from viscovib._native import ComplexArray, FloatArray
 from viscovib.analyses.starts import Start, StartLike, start_of
-from viscovib.analyses.steady import _prepare, falling
+from viscovib.analyses.steady import condensed_line, falling, prepare
 from viscovib.bodies.body import Body
 from viscovib.bodies.varying_body import varied_body
 from viscovib.common.motion_stability import Stability, hanging, truncated_crossings
@@ -23,9 +23,9 @@ from viscovib.common.plan import Plan
 from viscovib.errors import ConvergenceWarning, InputError, caller
 from viscovib.results.branch import Branch
 from viscovib.results.curves import (
-    MAX_SPECIAL,
     OUTCOMES,
     BranchPoint,
+    Crossing,
     check_departure,
     checked_stops,
     located_branch_points,
@@ -36,7 +36,7 @@ from viscovib.results.dissipation import Parts
 from viscovib.results.structure_results import StructureBranch
 from viscovib.results.structure_view import View
 from viscovib.systems.law_ends import told_edges
-from viscovib.systems.load import LoadLike, base_shifts
+from viscovib.systems.load import Job, LoadLike, base_shifts
 from viscovib.systems.oscillators import Steady, check_steady, refuse_turning
 from viscovib.systems.polynomial_system import PolynomialSystem
 from viscovib.systems.sticking import advice_on_sticking
@@ -47,8 +47,6 @@ from viscovib.systems.varying_structure import varied_structure
 
 #: Numbers that all points together may hold.
 _MAX_NUMBERS = 4e8
-#: What varies, in the order of the core.
-_KINDS = {"nu": 1, "load_factor": 2}
 
 
 @dataclass(frozen=True)
@@ -106,16 +104,12 @@ class _Way:
         fixed = start if nu is None else _native.number("nu", nu)
         return cls(given[0], varies, start, finish, fixed, numbers, system)
 
-    @property
-    def kind(self) -> int:
-        """What varies, as the core counts it."""
-        return _KINDS.get(self.varies, 3)
-
-    def flat(self, at_start: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """The system at 0 of what varies in it, and how it changes with that."""
+    def along(self, job: Job) -> Job:
+        """Return system and load with what varies in them, as tasks take it."""
+        job = job.along(varies=self.varies, at_nu=self.fixed)
         if self.numbers is None:
-            return at_start, np.zeros(at_start.size)
-        return self.numbers[1:]
+            return job
+        return job.along(flat=self.numbers.rest, direction=self.numbers.direction)
 
     def nu(self, values: FloatArray) -> FloatArray:
         """Frequencies at values of what varies."""
@@ -132,7 +126,7 @@ class _Shown:
 
     system: Steady
     way: _Way
-    job: tuple[Any, ...]
+    job: Job
     orders: npt.NDArray[np.int32]
     #: Of a structure: which coordinates are shown.
     view: View | None
@@ -192,46 +186,48 @@ def trace_mount(
         begun = start_of(start, system.dof_names, way.fixed)
         keeps = keeps and not (symmetric is None and begun.has_even)
     curve = CurveOptions.checked(options)
-    job, _, prepared, planned = _prepare(
+    job, nu_fixed, prepared, loaded = prepare(
         system, [way.fixed], load, base, "newton", harmonics,
-        (curve.tolerance, curve.values["atol"]), 100, 1.0,
-        keep_idle=True, flat=None if way.numbers is None else way.numbers.at(way.start),
-        may_choose=True, whole=way.numbers is not None, judged=judged,
+        (curve.tolerance, curve.values["atol"]), 100, 1.0, judged,
+        flat=None if way.numbers is None else way.numbers.at(way.start),
+        whole=way.numbers is not None,
     )  # fmt: skip
-    if planned.method != "newton":
+    planned = job.run(
+        "response plan", nu=nu_fixed, **{**prepared, "stability": False}, keep_idle=True,
+        symmetric=keeps,
+    )  # fmt: skip
+    if planned["method"] != "newton":
         raise InputError(
             "system: nothing is nonlinear: its response is a single curve, see forced_response"
         )
-    if planned.loaded is None and coordinates is not None:
+    if loaded is None and coordinates is not None:
         raise InputError("coordinates: can be chosen for a structure only, must be None")
-    auto = _native.is_auto(harmonics)
-    orders = planned.orders
-    if not keeps:
-        orders = np.arange((planned.orders[-1] if auto else prepared[1]) + 1, dtype=np.int32)
-    n_dof, m, points = job[-1].shape[0] - 1, orders.size, curve.max_points
-    _check_size(points, n_dof, m)
-    begin, begin_p, along = _begin(system, way, job, planned.loaded, orders, leave, opposite, begun)
-    flat, direction = way.flat(job[0])
-    whole_job = (flat, *job[1:], way.kind, direction, way.fixed)
-    cancel = np.zeros(1, dtype=np.intc)
-    found = _native.call_interruptibly(
-        core.mount_branch, cancel, *whole_job, curve.packed(way.start, way.finish, stops),
-        prepared[1], int(keeps), points, int(leave is not None or begun is not None), begin,
-        begin_p, along, points if judged else 0, m, min(points, MAX_SPECIAL), cancel,
+    orders = planned["kept"]
+    _check_size(curve.max_points, job.n_dof, orders.size)
+    begin = _begin(system, way, job, loaded, orders, leave, opposite, begun)
+    along = way.along(job)
+    found = along.run_apart(
+        "branch follow", **curve.along(way.start, way.finish, stops=stops),
+        harmonics=prepared["harmonics"], symmetric=keeps, stability=judged, **begin,
     )  # fmt: skip
-    if not found[0] and begun is not None:
-        raise InputError(f"start: no solution was found near it at {way.varies} = {begin_p:g}")
-    if not found[0]:
+    if not found and begun is not None:
+        raise InputError(
+            f"start: no solution was found near it at {way.varies} = {begin['begin_p']:g}"
+        )
+    if not found:
         raise InputError(
             f"{way.argument}: no solution was found at its beginning {way.start:g}: begin elsewhere"
             f"{_advice(system)}"
         )
-    view = None
-    if planned.loaded is not None:
-        view = View.of(system, planned.loaded, coordinates)
-    shown = _Shown(system, way, job, orders[: found[2]], view)
-    plan = _plan(way.varies, way.start, way.finish, -orders[-1] if auto else m, planned, judged)
-    return _branch(found, shown, (n_dof, m), curve.tolerance, judged, plan, whole_job)
+    view = None if loaded is None else View.of(system, loaded, coordinates)
+    first = _native.run(
+        "branch plan", name=way.varies.replace("load_factor", "load factor"), start=way.start,
+        finish=way.finish, n_orders=orders.size if prepared["harmonics"] else 0,
+        most=int(orders[-1]), stability=judged,
+    )["text"]  # fmt: skip
+    plan = Plan(f"{first.strip()}\n{condensed_line(loaded)}{planned['rest'].strip()}")
+    shown = _Shown(system, way, job, found["harmonics"], view)
+    return _branch(found, shown, curve.tolerance, judged, plan, along)
 
 
 def _advice(system: Steady) -> str:
@@ -255,54 +251,49 @@ def _check_size(points: int, n_dof: int, m: int) -> None:
 def _begin(
     system: Steady,
     way: _Way,
-    job: tuple[Any, ...],
+    job: Job,
     loaded: Any,
     orders: npt.NDArray[np.int32],
     leave: BranchPoint | None,
     opposite: bool,
     begun: Start | None,
-) -> tuple[FloatArray, float, FloatArray]:
+) -> dict[str, Any]:
     """Unknowns to begin with, where, and the direction; nothing: at the beginning of the range."""
-    n = 2 * orders.size * (job[-1].shape[0] - 1)
+    n = 2 * orders.size * job.n_dof
     if leave is not None:
         check_departure(leave)
         begin, along = leave.departure(n, OPPOSITE.check(opposite))
-        return begin, leave.parameter, along
+        return {"begin": begin, "begin_p": leave.parameter, "along": along}
     if begun is None:
-        return np.zeros(n), 0.0, np.zeros(n + 1)
+        return {}
     at = begun.place(way.varies, way.start, way.finish)
     factor = at if way.varies == "load_factor" else 1.0
     begin = begun.unknowns(orders, job, system._base_direction, factor, system.dof_names, loaded)
-    return begin, at, np.zeros(n + 1)
+    return {"begin": begin, "begin_p": float(at), "along": np.zeros(n + 1)}
 
 
 def _branch(
-    found: tuple[Any, ...],
+    found: dict[str, Any],
     shown: _Shown,
-    size: tuple[int, int],
     tolerance: float,
     judged_too: bool,
     plan: Plan,
-    job: tuple[Any, ...],
+    job: Job,
 ) -> Branch:
     """Give what the core found its names and units."""
-    (
-        n, ended, n_used, p, iterations, error, off, kept, truncation, missed, coefficients,
-        is_stop, n_folds, folds, fold_errors, fold_coefficients, fold_coefficient_errors, n_branch,
-        branch_p, branch_errors, branch_x, across, branch_before, judged, growing, multipliers,
-        exponents, n_crossings, kinds, before, where, crossing_errors, crossing_coefficients,
-        allowed,
-    ) = found  # fmt: skip
-    system, way, view, orders = shown.system, shown.way, shown.view, shown.orders
+    system, way, view = shown.system, shown.way, shown.view
     stability: Stability | None = None
+    crossings: tuple[Crossing, ...] = ()
     if judged_too:
-        stability = Stability.of(judged[:n], multipliers[:, :n], exponents[:, :n])
-        if (judged[:n] == -1).all() and not system._active_kernels:
+        codes = found["stable"]
+        stability = Stability.of(codes, found["multipliers"], found["exponents"])
+        if (codes == -1).all() and not system._active_kernels:
             stability = None
-    allowed = allowed[:n].copy()
-    values, places, crossed = p[:n].copy(), branch_p[:n_branch], where[:n_crossings]
-    motions = shown.absolute(coefficients[:n_used, :, :n], values)
-    at_folds = shown.absolute(fold_coefficients[:n_used, :, :n_folds], folds[:n_folds])
+        crossed = shown.motions(found["crossing_coefficients"], found["crossings"])
+        crossings = located_crossings(found, crossed, codes < 0)
+    values, places = found["p"], found["branch_points"]
+    motions = shown.absolute(found["coefficients"], values)
+    at_folds = shown.absolute(found["fold_coefficients"], found["folds"])
     names, units = system.dof_names, system.dof_units
     kind: Callable[..., Branch] = Branch
     if view is not None:
@@ -311,50 +302,42 @@ def _branch(
     branch = kind(
         nu=way.nu(values),
         load_factor=way.factors(values),
-        harmonics=orders,
+        harmonics=shown.orders,
         coefficients=motions,
         stable=stability.stable if stability else None,
-        growing=growing[:n].copy() if stability else None,
+        growing=found["growing"] if stability else None,
         multipliers=stability.multipliers if stability else None,
         exponents=stability.exponents if stability else None,
         slowest=stability.slowest if stability else None,
-        folds=folds[:n_folds].copy(),
-        fold_errors=fold_errors[:n_folds].copy(),
+        folds=found["folds"],
+        fold_errors=found["fold_errors"],
         fold_coefficients=at_folds,
-        fold_coefficient_errors=fold_coefficient_errors[:n_folds].copy(),
+        fold_coefficient_errors=found["fold_coefficient_errors"],
         branch_points=located_branch_points(
-            places,
-            branch_errors,
-            shown.motions(_complex(branch_x[:, :n_branch], *size)[:n_used], places),
-            branch_before,
-            shown.directions(_complex(across[:-1, :n_branch], *size)[:n_used], places),
-            branch_x,
-            across,
+            found,
+            shown.motions(found["branch_coefficients"], places),
+            shown.directions(found["branch_directions"], places),
         ),
-        crossings=located_crossings(
-            (n_crossings, kinds, before, where, crossing_errors),
-            shown.motions(crossing_coefficients[:n_used, :, :n_crossings], crossed),
-            judged[:n] < 0,
-        ),
-        stops=np.flatnonzero(is_stop[:n]),
-        outcome=OUTCOMES[ended],
-        iterations=iterations[:n].copy(),
-        error=error[:n].copy(),
+        crossings=crossings,
+        stops=found["stops"] - 1,
+        outcome=OUTCOMES[found["ended"]],
+        iterations=found["iterations"],
+        error=found["error"],
         varies=way.varies,
         parameter=values,
-        highest=orders[kept[:n] - 1],
-        truncation=truncation[:n].copy(),
+        highest=found["highest"],
+        truncation=found["truncation"],
         dof_names=names,
         dof_units=units,
         plan=plan,
         _job=job,
         _tolerance=tolerance,
-        _allowed=allowed,
-        _off=off[:n].copy(),
-        _missed=missed[:n].copy(),
-        _parts=Parts(system, shown.job[-2], shown.job[-1]),
+        _allowed=found["allowed"],
+        _off=found["off"],
+        _missed=found["missed"],
+        _parts=Parts(system, job.orders, job.series),
     )
-    _warn_of_doubts(branch, motions, p)
+    _warn_of_doubts(branch, motions, values)
     advice = ""
     if branch.outcome == "stuck":
         advice = _advice(system)
@@ -408,34 +391,16 @@ def _warn_above(
         )
 
 
-def _plan(
-    varies: str, start: float, finish: float, n_orders: int, planned: Any, stability: bool
-) -> Plan:
-    first = core.branch_plan(
-        _KINDS.get(varies, 3), start, finish, n_orders, int(stability)
-    ).decode()
-    if varies not in _KINDS:
-        first = first.replace("the parameter", varies)
-    return Plan(f"{first.strip()}\n{planned.rest.strip()}")
-
-
-def _complex(unknowns: FloatArray, n_dof: int, n_orders: int) -> ComplexArray:
-    """X_k, shape (n_orders, n_dof, n), from unknowns (2 n_orders n_dof, n) of the core."""
-    parts = unknowns.reshape(n_dof, n_orders, 2, unknowns.shape[1])
-    return np.moveaxis(parts[:, :, 0] + 1j * parts[:, :, 1], 0, 1)
-
-
 def _absolute(
     relative: ComplexArray,
     direction: FloatArray | None,
-    job: tuple[Any, ...],
+    job: Job,
     kept: npt.NDArray[np.int32],
     factors: FloatArray,
 ) -> ComplexArray:
     """From coordinates relative to the base to absolute ones."""
     result = np.ascontiguousarray(relative)
-    orders, series = job[-2], job[-1]
-    for order, moved in base_shifts(orders, series, direction):
+    for order, moved in base_shifts(job.orders, job.series, direction):
         for d in np.flatnonzero(moved):
             result[:, d, kept == order] += moved[d] * factors[:, np.newaxis]
     return result

@@ -6,8 +6,8 @@ from typing import Any
 import numpy as np
 
 from viscovib import _native
-from viscovib._native import ComplexArray, FloatArray, core
-from viscovib.analyses.backbones import Backbone, BackbonePoint, warn_of_doubts
+from viscovib._native import FloatArray
+from viscovib.analyses.backbones import Backbone, BackbonePoint, imaginary, warn_of_doubts
 from viscovib.analyses.driven import check_size
 from viscovib.analyses.torus import IntArray
 from viscovib.common.counts import things
@@ -26,7 +26,7 @@ from viscovib.common.parameters import (
 from viscovib.common.plan import Plan
 from viscovib.common.stability import warn_of_unknown
 from viscovib.errors import InputError
-from viscovib.results.curves import MAX_SPECIAL, OUTCOMES, allowed_beside
+from viscovib.results.curves import OUTCOMES, allowed_beside
 from viscovib.systems.pendulum import Pendulum
 
 
@@ -102,19 +102,21 @@ def pendulum_backbone(
     kept = _kept(system, j, highest, multiple, given["symmetric"])
     pattern = _kept(system, j, 2 * multiple - 1, multiple, given["symmetric"])
     unit = float(free.natural_frequencies()[j]) / multiple
-    begin, along, begin_nu, begin_p = np.zeros((3, highest + 1)), np.zeros(kept.size + 2), unit, 0.0
+    begin = np.zeros((3, highest + 1))
     begin[:, multiple] = shape / shape[place]
+    departure: dict[str, Any] = {}
     if leave is not None:
         begin, along = _departure(leave, kept, given["opposite"])
-        begin_nu, begin_p = leave.nu, leave.parameter
-    cancel = np.zeros(1, dtype=np.intc)
-    found = _native.call_interruptibly(
-        core.pendulum_backbone, cancel, free._flat, pattern, unit,
-        place + 1 if varies == "amplitude" else 0, multiple, orders.first, orders.most,
-        curve.packed(start, finish), curve.max_points, int(judged), int(leave is not None),
-        begin.ravel(), begin_nu, begin_p, along, n_most, MAX_SPECIAL, cancel,
+        departure = {"begin_nu": leave.nu, "begin_p": leave.parameter, "along": along}
+    found = _native.apart(
+        lambda: _native.run(
+            "backbone pendulum", free._handle, pattern=pattern, unit=unit,
+            dof=place + 1 if varies == "amplitude" else 0, order=multiple,
+            harmonics=orders.first, most=orders.most, stability=judged, begin=begin.ravel(),
+            **curve.along(start, finish), **departure,
+        )
     )  # fmt: skip
-    if not found[0]:
+    if not found["nu"].size:
         raise InputError(
             f"{varies}_range: no solution was found at its beginning {start:g}: begin lower"
         )
@@ -130,7 +132,7 @@ def pendulum_backbone(
 
 
 def _backbone(
-    found: tuple[Any, ...],
+    found: dict[str, Any],
     mode: int,
     varies: str,
     multiple: int,
@@ -139,49 +141,43 @@ def _backbone(
     plan: Plan,
 ) -> Backbone:
     """Give what the core found its names and units; ``tolerances``: relative and absolute."""
-    (
-        count, ended, order, nu, energy, truncation, error, off, x, multipliers, growing, n_folds,
-        folds, fold_errors, n_branch, branch_p, branch_nu, branch_x, across, before,
-    ) = found  # fmt: skip
-    n = 3 * (multiple * order + 1)
-    coefficients = _coefficients(x[:n, :count])
+    coefficients, order = imaginary(found["cosines"].T), found["highest"]
     allowed = allowed_beside(coefficients, *tolerances)
-    warn_of_doubts(truncation[:count], off[:count], (tolerances[0], allowed), order)
-    if judged:
-        warn_of_unknown(growing[:count] < 0)
+    warn_of_doubts(found["truncation"], found["off"], (tolerances[0], allowed), order)
+    growing = found["growing"] if judged else None
+    if growing is not None:
+        warn_of_unknown(growing < 0)
+    motions = imaginary(found["branch_cosines"].T)
+    directions = imaginary(found["across"][:-2].T).reshape(motions.shape)
     return Backbone(
-        nu=nu[:count].copy(),
-        harmonics=np.arange(multiple * order + 1, dtype=np.intc),
+        nu=found["nu"],
+        harmonics=np.arange(multiple * order + 1),
         coefficients=coefficients,
-        truncation=truncation[:count].copy(),
-        error=error[:count].copy(),
+        truncation=found["truncation"],
+        error=found["error"],
         mode=mode,
-        outcome=OUTCOMES[ended],
+        outcome=OUTCOMES[found["ended"]],
         dof_names=Pendulum.dof_names,
         dof_units=Pendulum.dof_units,
         varies=varies,
-        energy=energy[:count].copy(),
-        folds=folds[:n_folds].copy(),
-        fold_errors=fold_errors[:n_folds].copy(),
+        energy=found["energy"],
+        folds=found["folds"],
+        fold_errors=found["fold_errors"],
         branch_points=tuple(
             BackbonePoint(
-                float(branch_p[i]),
-                float(branch_nu[i]),
-                _coefficients(branch_x[:n, i : i + 1])[0],
-                int(before[i]) - 1,
-                _coefficients(across[:n, i : i + 1])[0],
-                across[: n + 2, i].copy(),
+                float(p), float(found["branch_nu"][i]), motions[i],
+                int(found["branch_before"][i]) - 1, directions[i], found["across"][:, i].copy(),
             )
-            for i in range(n_branch)
+            for i, p in enumerate(found["branch_p"])
         ),
-        multipliers=multipliers[:, :count].T.copy() if judged else None,
-        stable=growing[:count] == 0 if judged else None,
-        growing=growing[:count].copy() if judged else None,
+        multipliers=found["multipliers"].T if judged else None,
+        stable=None if growing is None else growing == 0,
+        growing=growing,
         plan=plan,
         _tolerance=tolerances[0],
-        _off=off[:count].copy(),
+        _off=found["off"],
         _allowed=allowed,
-    )
+    )  # fmt: skip
 
 
 def _place(shape: FloatArray, dof: str | None, mode: int, *, by_energy: bool) -> int:
@@ -222,12 +218,6 @@ def _kept(pend: Pendulum, mode: int, highest: int, multiple: int, symmetric: boo
         kept[:, 0] = orders % (2 * multiple) == 0
         kept[:, 1:] = (orders % (2 * multiple) == multiple)[:, np.newaxis]
     return kept
-
-
-def _coefficients(cosines: FloatArray) -> ComplexArray:
-    """X_k from cosines, shape (3 n_orders, n) to (n, 3, n_orders)."""
-    whole = np.ascontiguousarray(cosines.T).reshape(cosines.shape[1], 3, -1)
-    return np.asarray(1j * whole, dtype=np.complex128)
 
 
 def _check_departure(leave: object) -> None:

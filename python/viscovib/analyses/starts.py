@@ -12,7 +12,7 @@ from viscovib._native import ComplexArray, FloatArray
 from viscovib.common.periodic_motions import PeriodicMotions
 from viscovib.errors import InputError
 from viscovib.systems.condensed import LoadedStructure
-from viscovib.systems.load import base_shifts
+from viscovib.systems.load import Job, base_shifts
 
 #: What ``start`` may be: (result, i), {order: X_k} or a Trajectory.
 StartLike: TypeAlias = Any
@@ -56,7 +56,7 @@ class Start(NamedTuple):
         return own if inside and own is not None else first
 
     def unknowns(
-        self, orders: Any, job: tuple[Any, ...], direction: FloatArray | None, factor: float,
+        self, orders: Any, job: Job, direction: FloatArray | None, factor: float,
         names: tuple[str, ...], loaded: LoadedStructure | None,
     ) -> FloatArray:  # fmt: skip
         """Unknowns of the core: relative to the base, of the orders given, shape (2 m n_dof,)."""
@@ -64,7 +64,7 @@ class Start(NamedTuple):
             relative = self._of_structure(loaded, names, factor)
         else:
             relative = self._of(names)
-            for order, moved in base_shifts(job[-2], job[-1], direction):
+            for order, moved in base_shifts(job.orders, job.series, direction):
                 relative[:, self.orders == order] -= factor * moved[:, np.newaxis]
         x = np.zeros((relative.shape[0], orders.size), dtype=complex)
         for j, order in enumerate(self.orders):

@@ -3,13 +3,13 @@
 import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from viscovib import _native
-from viscovib._native import ComplexArray, FloatArray, core
+from viscovib._native import ComplexArray, FloatArray
 from viscovib.analyses.starts import StartLike, start_of
 from viscovib.common.counts import things
 from viscovib.common.motion_stability import Stability, hanging
@@ -31,7 +31,7 @@ from viscovib.results.structure_results import StructureResponse
 from viscovib.results.structure_view import View
 from viscovib.systems.condensed import LoadedStructure
 from viscovib.systems.law_ends import told_edges
-from viscovib.systems.load import LoadLike
+from viscovib.systems.load import Job, LoadLike
 from viscovib.systems.oscillators import Steady, check_steady, oscillator_job, refuse_turning
 from viscovib.systems.polynomial_system import PolynomialSystem
 from viscovib.systems.sticking import advice_on_sticking
@@ -67,89 +67,75 @@ def mount_response(
     progress: bool,
 ) -> Response:
     """`forced_response` of a mount, a polynomial system or a structure."""
-    job, frequencies, options, planned = _prepare(
+    job, frequencies, options, loaded = prepare(
         system, nu, load, base, method, harmonics, (tolerance, atol), max_iterations, relaxation,
-        STABILITY.check(stability), may_choose=True,
+        STABILITY.check(stability),
     )  # fmt: skip
     PROGRESS.check(progress)
-    chosen = _native.is_auto(harmonics) and planned.method != "linear"
-
-    # Forces on the coordinates, and the base.
-    n_dof = job[-1].shape[0] - 1
-    # A matrix of the unknowns is factorized a few times a frequency.
-    typical = _TYPICAL if chosen else planned.orders.size
-    long = frequencies.size * (n_dof * typical) ** 2 > _LONG
-    begin = np.zeros(1)
+    if coordinates is not None and loaded is None:
+        raise InputError("coordinates: can be chosen for a structure only, must be None")
+    work = _Work(job, frequencies, options, loaded)
     if start is not None:
-        begin = _begin(system, start, frequencies[0], job, planned)
-    work = _Work(job, frequencies, options, planned, n_dof, long, bool(stability), begin)
+        begin = _begin(system, start, job, work, frequencies[0])
+        work = _Work(job, frequencies, {**options, "start": begin}, loaded)
     parts = work.run(progress)
-    iterations = _joined(parts, 2)
-
-    most = max(part[0].shape[2] for part in parts)
+    codes = _joined(parts, "outcomes")
+    ran = parts[0]["method"]
+    # Orders of one part are the first of those of another.
+    most = max((part["kept"] for part in parts), key=len)
     given: dict[str, Any] = {
         "nu": frequencies,
-        "harmonics": planned.orders[:most],
-        "coefficients": np.concatenate([_widened(part[0], most) for part in parts]),
-        "outcome": OUTCOMES[_joined(parts, 1)],
-        "iterations": iterations,
-        "rate": _joined(parts, 3),
-        "highest": _joined(parts, 4),
-        "truncation": _joined(parts, 5),
-        "method": planned.method,
-        "plan": planned.plan,
+        "harmonics": most,
+        "coefficients": _all_coefficients(parts, most.size),
+        "outcome": OUTCOMES[codes],
+        "iterations": _joined(parts, "iterations"),
+        "rate": _joined(parts, "rate"),
+        "highest": _joined(parts, "highest"),
+        "truncation": _joined(parts, "truncation"),
+        "method": ran,
         "dof_names": system.dof_names,
         "dof_units": system.dof_units,
         "_work": work,
+        "_planned": work.plan,
         "_job": job,
-        "_tolerance": float(options[2][0]),
-        "_allowed": _joined(parts, 10),
-        "_parts": Parts(system, job[-2], job[-1]),
+        "_tolerance": options["tolerance"],
+        "_allowed": _joined(parts, "allowed"),
+        "_parts": Parts(system, job.orders, job.series),
     }
     if stability:
-        given |= _stability_of(parts, _joined(parts, 1) == 0)
+        # Newton's method takes all frequencies in one piece.
+        (part,) = parts
+        judged = part["stable"], part["multipliers"], part["exponents"]
+        given |= Stability.of(*judged, codes == 0)._asdict()
     response: Response
-    if planned.loaded is not None:
-        linear = planned.method == "linear"
-        loaded = planned.loaded.linear_part() if linear else planned.loaded
-        view = View.of(system, loaded, coordinates)
+    if loaded is not None:
+        view = View.of(system, loaded.linear_part() if ran == "linear" else loaded, coordinates)
         # What the core gives is absolute.
-        own = given["coefficients"] - planned.loaded.base_motion(given["harmonics"])
+        own = given["coefficients"] - loaded.base_motion(given["harmonics"])
         given |= {"dof_names": view.names, "dof_units": view.units}
         response = StructureResponse(**given, _condensed=own, _view=view)
         response._warn_of_reduction()
     else:
-        if coordinates is not None:
-            raise InputError("coordinates: can be chosen for a structure only, must be None")
         response = Response(**given)
-    _warn_of_gaps(response, system)
+    if codes.any():
+        _warn_of_gaps(response, system)
     _warn_of_few_orders(response)
     return response
 
 
-def _begin(
-    system: Steady, start: StartLike, nu: float, job: tuple[Any, ...], planned: "_Plan"
-) -> FloatArray:
+def _begin(system: Steady, start: StartLike, job: Job, work: "_Work", nu: float) -> FloatArray:
     """Unknowns of a motion to begin at."""
-    if planned.method != "newton":
+    planned = work.planned()
+    if planned["method"] != "newton":
         raise InputError("start: needs method = 'newton', and something that is nonlinear")
     begun = start_of(start, system.dof_names, nu)
-    if begun.has_even and not (planned.orders % 2 == 0).any():
+    orders = planned["kept"]
+    if begun.has_even and not (orders % 2 == 0).any():
         raise InputError(
             "start: has even harmonics, which load and forces have not: see trace_response with "
             "symmetric=False"
         )
-    return begun.unknowns(
-        planned.orders, job, system._base_direction, 1.0, system.dof_names, planned.loaded
-    )
-
-
-def _stability_of(
-    parts: list[tuple[Any, ...]], solved: npt.NDArray[np.bool_]
-) -> dict[str, npt.NDArray[Any]]:
-    """Stability of all motions, of which some may not have been found."""
-    ((stable, multipliers, exponents),) = (part[7:10] for part in parts)
-    return Stability.of(stable, multipliers, exponents, solved)._asdict()
+    return begun.unknowns(orders, job, system._base_direction, 1.0, system.dof_names, work.loaded)
 
 
 def mount_plan(
@@ -167,70 +153,72 @@ def mount_plan(
     stability: bool,
 ) -> Plan:
     """`plan_response` of a mount or a polynomial system."""
-    return _prepare(
-        system, nu, load, base, method, harmonics, (tolerance, atol), max_iterations, relaxation,
-        STABILITY.check(stability), may_choose=True,
-    )[3].plan  # fmt: skip
-
-
-class _Plan(NamedTuple):
-    orders: npt.NDArray[np.int32]
-    method: str
-    plan: Plan
-    #: Lines that hold for a branch too.
-    rest: str
-    loaded: LoadedStructure | None = None
+    return _Work(
+        *prepare(
+            system, nu, load, base, method, harmonics, (tolerance, atol), max_iterations,
+            relaxation, STABILITY.check(stability),
+        )
+    ).plan()  # fmt: skip
 
 
 @dataclass(frozen=True)
 class _Work:
     """All that a run takes, so that it can be run again."""
 
-    job: tuple[Any, ...]
+    job: Job
     frequencies: FloatArray
-    options: tuple[Any, ...]
-    planned: _Plan
-    n_dof: int
-    #: Whether it takes so long that Ctrl-C must be heard on the way.
-    long: bool
-    stability: bool
-    #: Unknowns of a motion to begin at; one number: none.
-    begin: FloatArray
+    options: dict[str, Any]
+    loaded: LoadedStructure | None
 
-    def run(self, show: bool = False, n_history: int = 0) -> list[tuple[Any, ...]]:
-        # Newton's method follows its branch from frequency to frequency, all in one piece.
-        whole = self.planned.method == "newton"
-        nu, n_dof = self.frequencies, self.n_dof
-        size = nu.size if whole else max(CHUNK * 8 // max(n_dof, 2) ** 3, 1)
-        cancel = np.zeros(1, dtype=np.intc)
+    def run(self, show: bool = False, **more: Any) -> list[dict[str, Any]]:
+        options = {**self.options, **more}
+        if options["method"] == "newton":
+            # It follows its branch from frequency to frequency, all in one piece.
+            return [self._whole(options, show)]
+        nu, parts = self.frequencies, []
+        size = max(CHUNK * 8 // max(self.job.n_dof, 2) ** 3, 1)
+        if nu.size <= size and not show:
+            return [self.job.run("response solve", nu=nu, **options)]
         with progress_bar(nu.size, "nu", show) as bar:
-            parts = []
             for start in range(0, nu.size, size):
                 chunk = nu[start : start + size]
-                # Memory that no order needs is never touched.
-                room = np.empty(chunk.size * n_dof * self.planned.orders.size, dtype=complex)
-                judged = chunk.size if self.stability else 0
-                given = (
-                    *self.job, chunk, *self.options, n_history, judged, self.begin, room, cancel
-                )  # fmt: skip
-                if whole and (self.long or self.stability):
-                    part = _native.call_interruptibly(core.mount_response, cancel, *given)
-                else:
-                    part = _native.call(core.mount_response, *given)
-                kept = room[: chunk.size * n_dof * part[0]].reshape(chunk.size, n_dof, part[0])
-                parts.append((kept.copy(), *part[1:]))
+                parts.append(self.job.run("response solve", nu=chunk, **options))
                 bar.update(chunk.size)
         return parts
 
+    def _whole(self, options: dict[str, Any], show: bool) -> dict[str, Any]:
+        # A matrix of the unknowns is factorized a few times a frequency.
+        unknowns = self.job.n_dof * (options["harmonics"] or _TYPICAL)
+        long = options["stability"] or self.frequencies.size * unknowns**2 > _LONG
+        run = self.job.run_apart if long else self.job.run
+        with progress_bar(self.frequencies.size, "nu", show) as bar:
+            found = run("response solve", nu=self.frequencies, **options)
+            bar.update(self.frequencies.size)
+        return found
+
     def corrections(self, longest: int) -> FloatArray:
         """Run again, and keep the size of each correction."""
-        if not longest or self.planned.method == "newton":
+        if not longest or self.options["method"] == "newton":
             return np.empty((self.frequencies.size, 0))
-        columns = [part[6][:longest] for part in self.run(n_history=self.options[3])]
+        columns = [part["corrections"][:longest] for part in self.run(history=True)]
         return np.concatenate(columns, axis=1).T
 
+    def planned(self) -> dict[str, Any]:
+        """Orders that may be kept, the method that runs, and the plan in words."""
+        options = {name: one for name, one in self.options.items() if name != "start"}
+        return self.job.run("response plan", nu=self.frequencies, **options)
 
-def _prepare(
+    def plan(self) -> Plan:
+        """What is computed, what is skipped and why."""
+        return Plan(condensed_line(self.loaded) + self.planned()["text"])
+
+
+def condensed_line(loaded: LoadedStructure | None) -> str:
+    """Return the line of a plan that says what was condensed."""
+    return "" if loaded is None else f"computes: {loaded.told}\n"
+
+
+def prepare(
     system: Steady,
     nu: npt.ArrayLike | None,
     load: LoadLike | None,
@@ -242,20 +230,16 @@ def _prepare(
     relaxation: float | str,
     stability: bool = False,
     *,
-    keep_idle: bool = False,
-    may_choose: bool = False,
     flat: FloatArray | None = None,
     whole: bool = False,
-    judged: bool = False,
-) -> tuple[tuple[Any, ...], FloatArray, tuple[Any, ...], _Plan]:
+) -> tuple[Job, FloatArray, dict[str, Any], LoadedStructure | None]:
     """Check everything and bring it into the form of the core.
 
-    ``keep_idle``: take along coordinates that nothing moves; ``flat``: instead of the system's
-    own numbers; ``whole``: do not condense a polynomial system;
-    ``judged``: the stability of a branch is wanted.
+    ``flat``: instead of the system's own numbers; ``whole``: do not condense a polynomial system.
     """
     check_steady(system, base)
-    if isinstance(method, str) and method == "successive":
+    _native.choice("method", method, METHODS)
+    if method == "successive":
         refuse_turning(system, "the method of successive approximations")
     if nu is None:
         raise InputError("nu: must be given for a mount or a polynomial system")
@@ -276,31 +260,31 @@ def _prepare(
         fraction = _native.number("relaxation", relaxation)
         if not 0 < fraction <= 1:
             raise InputError(f"relaxation = {fraction:g}: must be in (0, 1], or 'auto'")
-    chosen = may_choose and isinstance(harmonics, str)
-    if chosen and harmonics != "auto":
+    if isinstance(harmonics, str) and harmonics != "auto":
         raise InputError(f"harmonics = {harmonics!r}: must be an integer or 'auto'")
-    judged = judged or stability
-    if isinstance(method, str) and method == "linear" and isinstance(system, PolynomialSystem):
+    if method == "linear" and isinstance(system, PolynomialSystem):
         # What condensing spares is nonlinear; on the way back it costs digits near antiresonances.
         whole = whole or system._may_be_whole
-    job, loaded = oscillator_job(system, load, base, flat, whole=whole, stability=judged)
-    options = (
-        METHODS.index(_native.choice("method", method, METHODS)) + 1,
-        0 if chosen else _native.integer("harmonics", harmonics, 1, MAX_HARMONICS),
-        np.array([TOLERANCE.check(wanted[0]), ATOL.check(wanted[1])]),
-        MAX_ITERATIONS.check(max_iterations),
-        fraction,
-    )
-    n_kept, kept, _, _, ran, text, rest = _native.call(
-        core.mount_plan, *job, frequencies, *options, 0, int(stability), int(keep_idle),
-        max(job[-2].size, MAX_HARMONICS + 1),
-    )  # fmt: skip
-    words, lines = text.decode(), rest.decode()
-    if loaded is not None:
-        told = f"computes: {loaded.told}\n"
-        words, lines = told + words, told + lines
-    planned = _Plan(kept[:n_kept].copy(), METHODS[ran - 1], Plan(words), lines, loaded)
-    return job, frequencies, options, planned
+    job, loaded = oscillator_job(system, load, base, flat, whole=whole, stability=stability)
+    options = {
+        "method": method,
+        "harmonics": 0
+        if isinstance(harmonics, str)
+        else _native.integer("harmonics", harmonics, 1, MAX_HARMONICS),
+        "tolerance": TOLERANCE.check(wanted[0]),
+        "atol": ATOL.check(wanted[1]),
+        "max_iterations": MAX_ITERATIONS.check(max_iterations),
+        "relaxation": fraction,
+        "stability": stability,
+    }
+    return job, frequencies, options, loaded
+
+
+def _all_coefficients(parts: list[dict[str, Any]], n_orders: int) -> ComplexArray:
+    """X_k of all parts, shape (n, n_dof, n_orders); orders that were not kept are 0, or NaN."""
+    if len(parts) == 1:
+        return np.asarray(parts[0]["coefficients"].T)
+    return np.concatenate([_widened(part["coefficients"].T, n_orders) for part in parts])
 
 
 def _widened(coefficients: ComplexArray, n_orders: int) -> ComplexArray:
@@ -312,14 +296,14 @@ def _widened(coefficients: ComplexArray, n_orders: int) -> ComplexArray:
     return np.concatenate([coefficients, np.repeat(more, lacking, axis=2)], axis=2)
 
 
-def _joined(parts: list[tuple[Any, ...]], index: int) -> npt.NDArray[Any]:
-    return np.concatenate([part[index] for part in parts])
+def _joined(parts: list[dict[str, Any]], name: str) -> npt.NDArray[Any]:
+    if len(parts) == 1:
+        return np.asarray(parts[0][name])
+    return np.concatenate([part[name] for part in parts])
 
 
 def _warn_of_gaps(response: Response, system: Steady) -> None:
     lost = ~response.converged
-    if not lost.any():
-        return
     asked = things(lost.size, "frequency", "frequencies")
     kinds = ", ".join(
         f"{count} {name}" for name in OUTCOMES[1:] if (count := (response.outcome == name).sum())

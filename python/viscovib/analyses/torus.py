@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from viscovib import _native
-from viscovib._native import ComplexArray, FloatArray, core
+from viscovib._native import ComplexArray, FloatArray, Handle, core
 from viscovib.errors import InputError
 from viscovib.systems.pendulum import Pendulum
 
@@ -106,27 +106,46 @@ def _code(varies: str | None) -> int:
     return 0 if varies is None else _VARIES.index(varies) + 1
 
 
-def core_job(
-    pend: Pendulum, torus: Torus, orders: IntArray, varies: str | None
-) -> tuple[tuple[object, ...], float]:
-    """Arguments of the core up to what varies, and units of the latter in the parameter."""
-    flat = pend._flat.copy()
-    amplitude = flat[7:10].copy()
-    flat[7:10] = 1
-    kind, which, unit = 1, 1, 1.0
-    if varies in FREQUENCIES:
-        which, unit = torus.varying[0], float(torus.varying[1])
-    elif varies in AMPLITUDES:
-        kind, which = 2, AMPLITUDES.index(varies) + 1
-    return (
-        flat,
-        np.asfortranarray(orders.T),
-        np.asfortranarray(torus.drive_orders.T),
-        torus.base,
-        amplitude,
-        kind,
-        which,
-    ), unit
+@dataclass(frozen=True)
+class TorusJob:
+    """A pendulum under loads and its orders, as tasks of the core take them.
+
+    ``unit``: of what varies, in the parameter.
+    """
+
+    system: Handle
+    given: Mapping[str, Any]
+    unit: float
+
+    @classmethod
+    def of(
+        cls, pend: Pendulum, torus: Torus, orders: IntArray, varies: str | None, kept: IntArray
+    ) -> "TorusJob":
+        """``kept``: 1 where an order of a coordinate is an unknown."""
+        flat = pend._flat.copy()
+        amplitude = flat[7:10].copy()
+        flat[7:10] = 1
+        kind, which, unit = 1, 1, 1.0
+        if varies in FREQUENCIES:
+            which, unit = torus.varying[0], float(torus.varying[1])
+        elif varies in AMPLITUDES:
+            kind, which = 2, AMPLITUDES.index(varies) + 1
+        given = {
+            "orders": orders.T, "kept": kept, "drive_orders": torus.drive_orders.T,
+            "omega": torus.base, "amplitude": amplitude, "vary": kind, "which": which,
+        }  # fmt: skip
+        return cls(Handle("system pendulum", flat=flat), given, unit)
+
+    def base(self, torus: Torus, values: FloatArray) -> FloatArray:
+        """Base frequencies at values of what varies, shape (n, n_axes)."""
+        base = np.tile(torus.base, (values.size, 1))
+        if self.given["vary"] == 1:
+            base[:, self.given["which"] - 1] = values
+        return base
+
+    def run_apart(self, task: str, **values: Any) -> dict[str, Any]:
+        """Run a task that may take long, so that Ctrl-C is heard."""
+        return _native.apart(lambda: _native.run(task, self.system, **self.given, **values))
 
 
 def kept_by_symmetry(
@@ -151,17 +170,6 @@ def bound_of(torus: Torus, harmonics: object, largest: int) -> int:
             f"must be at most {largest}"
         )
     return _native.integer("harmonics", harmonics, torus.lowest, largest)
-
-
-def complex_coefficients(x: FloatArray) -> ComplexArray:
-    """X_k from unknowns, shape (n_unknowns, n) to (n, 3, n_orders); the mean as 1j mean."""
-    parts = x.T.reshape(x.shape[1], 3, x.shape[0] // 3)
-    result = np.zeros((*parts.shape[:2], (parts.shape[2] + 1) // 2), dtype=complex)
-    # Part by part: a product with 1j has zeros with a sign.
-    result[:, :, 0].imag = parts[:, :, 0]
-    result[:, :, 1:].real = parts[:, :, 1::2]
-    result[:, :, 1:].imag = parts[:, :, 2::2]
-    return result
 
 
 def unknowns_of(coefficients: ComplexArray) -> FloatArray:

@@ -16,7 +16,6 @@ from operator import is_
 from typing import Any, Generic, TypeVar
 
 import numpy as np
-import numpy.typing as npt
 
 from viscovib import _native
 from viscovib._native import FloatArray
@@ -195,17 +194,21 @@ class Optional(Parameter[Any]):
         return None if value is None else self.of.check(value)
 
 
-_counts, _sizes = _native.core.known_limits()
-_lowest, _highest, _lowest_in_time, _highest_in_time, NEARLY_NOTHING = _sizes.tolist()
-#: Highest order of a periodic motion, unknowns of Newton's method, orders of free motions of a
-#: pendulum that are chosen, at first and at most: all bounds here are those of the core.
-MAX_HARMONICS, _iterations, MAX_UNKNOWNS, FIRST_FREE, MOST_FREE = _counts.tolist()
+_limits = _native.run("branch limits")
+_lowest, _highest = _limits["tolerance"].tolist()
+_lowest_in_time, _highest_in_time = _limits["time_tolerance"].tolist()
+NEARLY_NOTHING: float = _limits["nearly_nothing"]
+#: Highest order of a periodic motion, orders of free motions of a pendulum that are chosen, at
+#: first and at most: all bounds here are those of the core.
+MAX_HARMONICS: int = _limits["harmonics"]
+FIRST_FREE: int = _limits["first_free"]
+MOST_FREE: int = _limits["most_free"]
 #: What several methods share: the relative size of the last correction, ...
 TOLERANCE = Number("tolerance", _lowest, _highest)
 #: ... its other name, and what is allowed besides, whatever the size of the motion, ...
 _RELATIVE = Number("rtol", _lowest, _highest)
 ATOL = Number("atol", 0, 1e30)
-MAX_ITERATIONS = Whole("max_iterations", 1, _iterations)
+MAX_ITERATIONS = Whole("max_iterations", 1, _limits["iterations"])
 #: ... what they may do or not, ...
 STABILITY, SYMMETRIC, OPPOSITE = Flag("stability"), Flag("symmetric"), Flag("opposite")
 PROGRESS = Flag("progress")
@@ -227,7 +230,7 @@ _CURVE_BOUNDS: tuple[Parameter[Any], ...] = tuple(
     for name, one in OPTIONS.items()
 )
 #: ... and the words for how curves end.
-CURVE_OUTCOMES = tuple(_native.core.curve_words().decode().rstrip(", ").split(","))
+CURVE_OUTCOMES = tuple(_limits["endings"].split(","))
 
 #: If nothing is given.
 _TOLERANCE = CURVE_DEFAULTS["tolerance"]
@@ -254,9 +257,9 @@ class CurveOptions:
         """Points at most."""
         return int(self.values["max_points"])
 
-    def packed(self, start: float, finish: float, stops: npt.ArrayLike = ()) -> FloatArray:
-        """Return them as flat routines take them, with where the curve begins, ends and stops."""
-        return np.array([start, finish, *self.values.values(), *np.asarray(stops)])
+    def along(self, start: float, finish: float, **more: Any) -> dict[str, Any]:
+        """Return what tasks of the core take, with where the curve begins and ends."""
+        return {**self.values, "start": float(start), "finish": float(finish), **more}
 
 
 def checked(table: Iterable[Parameter[Any]], given: Mapping[str, Any]) -> dict[str, Any]:

@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from viscovib import _native
-from viscovib._native import ComplexArray, FloatArray, core
+from viscovib._native import ComplexArray, FloatArray
 from viscovib.common.counts import things
 from viscovib.common.motion_stability import STABILITY_NOTE, stability_columns, whole_or_codes
 from viscovib.common.periodic_motions import PeriodicMotions
@@ -26,8 +26,9 @@ from viscovib.results.curves import (
     crossing_variables,
 )
 from viscovib.results.dissipation import Parts
-from viscovib.results.response import MAX_SEARCH
+from viscovib.results.response import MAX_SEARCH, find_peak
 from viscovib.results.sampling import add_asked, lost_energy, sampling_errors, told_sampling
+from viscovib.systems.load import Job
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -152,7 +153,7 @@ class Branch(PeriodicMotions, Curve):
     dof_units: tuple[str, ...]
     plan: Plan
     #: System, load and what varies as the core takes them, and the relative error wanted.
-    _job: tuple[Any, ...] = field(repr=False)
+    _job: Job = field(repr=False)
     _tolerance: float = field(repr=False)
     #: Relative error allowed of each motion, with what is allowed besides.
     _allowed: FloatArray = field(repr=False)
@@ -227,13 +228,11 @@ class Branch(PeriodicMotions, Curve):
         kept = np.flatnonzero(self.harmonics <= self.highest[i])
         if j >= kept.size:
             return None
-        cancel = np.zeros(1, dtype=np.intc)
-        at, size, found = _native.call_interruptibly(
-            core.mount_peak, cancel, *self._job, self.harmonics[kept], 1, self._tolerance,
-            self.parameter[i : i + 1], np.asfortranarray(self.coefficients[i : i + 1][..., kept].T),
-            d + 1, j + 1, low, high, 1, cancel,
+        return find_peak(
+            self._job, self.harmonics[kept], self.parameter[i : i + 1],
+            self.coefficients[i : i + 1][..., kept], (d, j), self._tolerance, keep_idle=True,
+            low=float(low), high=float(high),
         )  # fmt: skip
-        return (at, size) if found else None
 
     def _summit_between(
         self, places: npt.NDArray[np.intp], d: int, j: int
@@ -243,13 +242,10 @@ class Branch(PeriodicMotions, Curve):
         if j >= kept.size or places.size * unknowns**3 > MAX_SEARCH:
             return None
         along = self.parameter[places]
-        cancel = np.zeros(1, dtype=np.intc)
-        at, size, found = _native.call_interruptibly(
-            core.mount_peak, cancel, *self._job, self.harmonics[kept], 1, self._tolerance, along,
-            np.asfortranarray(self.coefficients[places][..., kept].T), d + 1, j + 1, along[0],
-            along[-1], 1, cancel,
+        return find_peak(
+            self._job, self.harmonics[kept], along, self.coefficients[places][..., kept], (d, j),
+            self._tolerance, keep_idle=True, low=along[0], high=along[-1],
         )  # fmt: skip
-        return (at, size) if found else None
 
     @cached_property
     def sampling(self) -> FloatArray:
@@ -272,7 +268,7 @@ class Branch(PeriodicMotions, Curve):
     def _lost(self) -> FloatArray:
         """Energy that all forces take from each motion in a period (J), shape (n,)."""
         factors = self.load_factor
-        return lost_energy(self, self._job[:-3], factors, self._relative(factors))
+        return lost_energy(self, self._job, factors, self._relative(factors))
 
     def _check_loses(self) -> None:
         if self.varies not in ("nu", "load_factor"):

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import math
 import warnings
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -17,12 +18,10 @@ from viscovib.common.parameters import CURVE_OUTCOMES
 from viscovib.common.results import Number, Panel, Result, named, span
 from viscovib.common.tables import listed
 from viscovib.common.values import Value
-from viscovib.errors import ConvergenceWarning, InputError, StabilityWarning, caller
+from viscovib.errors import ConvergenceWarning, InputError, caller
 from viscovib.results.response import Peak, band_of, lowest_order, only_rounding, peaks
 
 OUTCOMES = CURVE_OUTCOMES
-#: Folds, branch points and changes of stability that a branch keeps.
-MAX_SPECIAL = 200
 #: What may be crossed, in the order of the core.
 CROSSINGS = ("fold", "branch point", "symmetry breaking", "period doubling", "Neimark-Sacker")
 
@@ -360,57 +359,45 @@ def largest_panels(curve: Any, x: FloatArray, x_label: str) -> list[Panel]:
 
 
 def located_crossings(
-    found: tuple[int, npt.NDArray[np.int32], npt.NDArray[np.int32], FloatArray, FloatArray],
-    motions: ComplexArray,
-    unknown: npt.NDArray[np.bool_] | None = None,
+    found: Mapping[str, Any], motions: ComplexArray, unknown: npt.NDArray[np.bool_] | None = None
 ) -> tuple[Crossing, ...]:
-    """Return crossings from their number, kinds, points before (from 1), locations and errors.
+    """Changes of stability: kinds, points before (from 1), locations, NaN if none, and errors.
 
-    ``motions`` contains X_k at each location, shape (at least the number given, n_dof, m).
-    ``unknown`` marks points with unknown stability.
+    ``motions``: X_k there, shape (n, n_dof, m). ``unknown``: of each point, True if its stability
+    is unknown.
     """
-    n, kinds, before, where, errors = found
-    if n > MAX_SPECIAL:
-        warnings.warn(
-            f"stability changes {n} times: the first {MAX_SPECIAL} changes are given",
-            StabilityWarning,
-            stacklevel=caller(),
-        )
     crossings = []
-    for i in range(min(n, len(motions))):
-        last = int(before[i]) - 1
-        lost = np.isnan(where[i])
-        place, motion = (None, None) if lost else (float(where[i]), motions[i])
-        error = None if lost else float(errors[i])
+    for kind, before, where, error, motion in zip(
+        found["kinds"].tolist(), found["before"].tolist(), found["crossings"].tolist(),
+        found["crossing_errors"].tolist(), motions, strict=True,
+    ):  # fmt: skip
+        last = before - 1
         sure = unknown is None or not unknown[last : last + 2].any()
-        crossings.append(Crossing(CROSSINGS[kinds[i] - 1], last, place, motion, sure, error))
+        if math.isnan(where):
+            crossings.append(Crossing(CROSSINGS[kind - 1], last, None, None, sure, None))
+        else:
+            crossings.append(Crossing(CROSSINGS[kind - 1], last, where, motion, sure, error))
     return tuple(crossings)
 
 
 def located_branch_points(
-    places: FloatArray,
-    errors: FloatArray,
-    motions: ComplexArray,
-    before: npt.NDArray[np.int32],
-    directions: ComplexArray,
-    unknowns: FloatArray,
-    across: FloatArray,
+    found: Mapping[str, Any], motions: ComplexArray, directions: ComplexArray
 ) -> tuple[BranchPoint, ...]:
-    """Return branch points from values, errors, X_k, points before (from 1) and directions.
+    """Branch points: values of what varies, errors, points before (from 1), unknowns of the core.
 
-    ``unknowns`` and ``across`` are arrays of the core, one column each.
+    ``motions``, ``directions``: X_k there and of the branches that cross, shape (n, n_dof, m).
     """
     return tuple(
         BranchPoint(
             float(place),
             motions[i],
-            int(before[i]) - 1,
+            int(found["branch_before"][i]) - 1,
             directions[i],
-            float(errors[i]),
-            unknowns[:, i].copy(),
-            across[:, i].copy(),
+            float(found["branch_errors"][i]),
+            found["branch_x"][:, i].copy(),
+            found["across"][:, i].copy(),
         )
-        for i, place in enumerate(places)
+        for i, place in enumerate(found["branch_points"])
     )
 
 

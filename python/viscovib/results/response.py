@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from viscovib import _native
-from viscovib._native import ComplexArray, FloatArray, core
+from viscovib._native import ComplexArray, FloatArray
 from viscovib.common.counts import things
 from viscovib.common.motion_stability import codes_of
 from viscovib.common.periodic_motions import PeriodicMotions
@@ -28,6 +28,7 @@ from viscovib.results.sampling import (
     sampling_errors,
     told_sampling,
 )
+from viscovib.systems.load import Job
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -101,8 +102,6 @@ class Response(PeriodicMotions, Result):
         includes the error of the samples.
     method : str
         The method that was used.
-    plan : Plan
-        What was computed, and what was skipped and why.
     stable : ndarray of bool, shape (n,), or None
         Stability of each motion; None: not requested. If it is unknown for some motions, the array
         contains objects: True, False and None.
@@ -140,13 +139,14 @@ class Response(PeriodicMotions, Result):
     highest: npt.NDArray[np.int32]
     truncation: FloatArray
     method: str
-    plan: Plan
     dof_names: tuple[str, ...]
     dof_units: tuple[str, ...]
     #: The run, which can be run again.
     _work: Any = field(repr=False)
+    #: Makes its plan.
+    _planned: Callable[[], Plan] = field(repr=False)
     #: System and load as the core takes them, and the relative error wanted.
-    _job: tuple[Any, ...] = field(repr=False)
+    _job: Job = field(repr=False)
     _tolerance: float = field(repr=False)
     #: Relative error allowed of each motion, with what is allowed besides.
     _allowed: FloatArray = field(repr=False)
@@ -172,6 +172,11 @@ class Response(PeriodicMotions, Result):
     def converged(self) -> npt.NDArray[np.bool_]:
         """True where a solution was found, shape (n,)."""
         return np.asarray(self.outcome == "converged")
+
+    @cached_property
+    def plan(self) -> Plan:
+        """What was computed, and what was skipped and why; made when it is first read."""
+        return self._planned()
 
     @cached_property
     def corrections(self) -> FloatArray:
@@ -230,14 +235,12 @@ class Response(PeriodicMotions, Result):
         if j >= kept.size:
             return None
         unknowns = 2 * kept.size * len(self.dof_names)
-        cancel = np.zeros(1, dtype=np.intc)
-        at, size, found = _native.call_interruptibly(
-            core.mount_peak, cancel, *self._job, 1, np.zeros(len(self._job[0])), self.nu[places[0]],
-            self.harmonics[kept], 0, self._tolerance, self.nu[places],
-            np.asfortranarray(self.coefficients[places][:, :, kept].T), d + 1, j + 1, 0.0, 0.0,
-            int(places.size * unknowns**3 < MAX_SEARCH), cancel,
+        return find_peak(
+            self._job, self.harmonics[kept], self.nu[places],
+            self.coefficients[places][:, :, kept], (d, j), self._tolerance,
+            at_nu=self.nu[places[0]], keep_idle=False,
+            wide=places.size * unknowns**3 < MAX_SEARCH,
         )  # fmt: skip
-        return (at, size) if found else None
 
     def _linear_sizes(self, d: int, j: int, nu: FloatArray) -> FloatArray:
         """Amplitudes of a linear response at other frequencies."""
@@ -248,13 +251,7 @@ class Response(PeriodicMotions, Result):
 
     def _linear_motions(self, nu: FloatArray) -> ComplexArray:
         """X_k of the coordinates that the core computes, shape (n, n_dof, m)."""
-        n_dof = self._job[-1].shape[0] - 1
-        room = np.empty(nu.size * n_dof * self.harmonics.size, dtype=complex)
-        _native.call(
-            core.mount_response, *self._job, nu, 1, 0, np.array([self._tolerance, 0]), 1, 1.0, 0, 0,
-            np.zeros(1), room, np.zeros(1, dtype=np.intc),
-        )  # fmt: skip
-        return room.reshape(nu.size, n_dof, self.harmonics.size)
+        return np.asarray(self._job.run("response solve", nu=nu, method="linear")["coefficients"].T)
 
     @cached_property
     def sampling(self) -> FloatArray:
@@ -281,7 +278,7 @@ class Response(PeriodicMotions, Result):
             return finest.sampling
         if self.method == "linear":
             return np.where(self.converged, 0.0, np.nan)
-        job = (*self._job, 1, np.zeros(len(self._job[0])), self.nu[0])
+        job = self._job.along(at_nu=self.nu[0])
         return sampling_errors(self, job, self.nu, self._relative(np.ones(self.nu.size)))
 
     @cached_property
@@ -519,6 +516,21 @@ class Response(PeriodicMotions, Result):
             table.columns["stable"] = codes_of(self.stable)
         table.add_harmonics(names, map(str, self.harmonics), self.coefficients)
         return table
+
+
+def find_peak(
+    job: Job, orders: Any, p: FloatArray, motions: ComplexArray, place: tuple[int, int],
+    tolerance: float, **more: Any,
+) -> tuple[float, float] | None:  # fmt: skip
+    """Largest summit of a harmonic along a branch near motions at ``p``, if there is one.
+
+    ``motions``: absolute, shape (n, n_dof, m); ``place``: of coordinate and order, from 0.
+    """
+    found = job.run_apart(
+        "response peak", kept=orders, p=p, samples=motions.T, dof=place[0] + 1,
+        place=place[1] + 1, tolerance=tolerance, **more,
+    )  # fmt: skip
+    return (found["at"], found["size"]) if found["enclosed"] else None
 
 
 def lowest_order(harmonics: npt.NDArray[Any]) -> int:

@@ -6,35 +6,29 @@ from typing import Any
 
 import numpy as np
 
-from viscovib import _native
-from viscovib._native import ComplexArray, FloatArray, core
+from viscovib._native import ComplexArray, FloatArray
 from viscovib.common.tables import Table
+from viscovib.systems.load import Job
 
 #: Multiplications up to which a summary has them.
 _QUICK = 3e8
 
 
-def sampling_errors(
-    result: Any, job: tuple[Any, ...], p: FloatArray, y: ComplexArray
-) -> FloatArray:
+def sampling_errors(result: Any, job: Job, p: FloatArray, y: ComplexArray) -> FloatArray:
     """Return those of a response or branch, shape (n,); NaN where they are not known.
 
     ``job``: system, load and what varies, as the core takes them; ``p``: its values; ``y``: motions
     relative to the base, shape (n, n_dof, m).
     """
-    used = np.searchsorted(result.harmonics, result.highest, side="right").astype(np.intc)
+    used = np.searchsorted(result.harmonics, result.highest, side="right")
     used[~np.isfinite(y).all(axis=(1, 2)) | (result.highest <= 0)] = 0
-    cancel = np.zeros(1, dtype=np.intc)
-    (errors,) = _native.call_interruptibly(
-        core.sampling_errors, cancel, *job, result.harmonics, p, np.asfortranarray(y.T), used,
-        cancel,
-    )  # fmt: skip
+    errors = job.run_apart(
+        "response sampling_errors", kept=result.harmonics, p=p, motions=y.T, used=used
+    )["errors"]
     return np.where(errors < 0, np.nan, errors)
 
 
-def rounding_errors(
-    result: Any, job: tuple[Any, ...], y: ComplexArray, *, linear: bool
-) -> FloatArray:
+def rounding_errors(result: Any, job: Job, y: ComplexArray, *, linear: bool) -> FloatArray:
     """Errors of the motions of a response as solutions of their equations, shape (n,).
 
     ``job``: system and load as the core takes them; ``y``: motions relative to the base.
@@ -44,34 +38,31 @@ def rounding_errors(
         # Those of the load alone, of any order.
         odd = kept.size > 0 and (kept % 2 == 1).all()
         last = kept.max(initial=0)
-        kept = np.arange(1 if odd else 0, last + 1, 2 if odd else 1, dtype=np.intc)
+        kept = np.arange(1 if odd else 0, last + 1, 2 if odd else 1)
         whole = np.zeros((*y.shape[:2], kept.size), dtype=complex)
         whole[..., np.searchsorted(kept, result.harmonics)] = y
         y = whole
-    used = np.searchsorted(kept, result.highest, side="right").astype(np.intc)
+    used = np.searchsorted(kept, result.highest, side="right")
     # The highest order of rest, and of a mean alone, is 0, as where nothing was found.
     used[~np.isfinite(y).all(axis=(1, 2)) | ~result.converged] = 0
-    cancel = np.zeros(1, dtype=np.intc)
-    (errors,) = _native.call_interruptibly(
-        core.rounding_errors, cancel, *job, int(linear), kept, result.nu, np.asfortranarray(y.T),
-        used, cancel,
-    )  # fmt: skip
+    errors = job.run_apart(
+        "response rounding_errors", kept=kept, nu=result.nu, motions=y.T, used=used, linear=linear
+    )["errors"]
     return np.where(errors < 0, np.nan, errors)
 
 
 def lost_energy(
-    result: Any, job: tuple[Any, ...], factors: FloatArray, y: ComplexArray, *, linear: bool = False
+    result: Any, job: Job, factors: FloatArray, y: ComplexArray, *, linear: bool = False
 ) -> FloatArray:
     """Energy that all forces take from each motion in a period (J), shape (n,).
 
     ``job``: system and load as the core takes them; ``y``: motions relative to the base.
     """
-    (lost,) = _native.call(
-        core.motion_losses, *job, result.harmonics, result.nu, factors, result.highest,
-        int(linear), np.asfortranarray(y.T),
+    found = job.run(
+        "response losses", kept=result.harmonics, nu=result.nu, factor=factors,
+        highest=result.highest, linear=linear, motions=y.T,
     )  # fmt: skip
-    found: FloatArray = lost
-    return found
+    return np.asarray(found["lost"])
 
 
 #: What columns of tables that scenes ask for are.

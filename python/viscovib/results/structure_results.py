@@ -11,11 +11,11 @@ from typing import Any, ClassVar, Self
 import numpy as np
 
 from viscovib import _native
-from viscovib._native import ComplexArray, FloatArray, core
+from viscovib._native import ComplexArray, FloatArray
 from viscovib.errors import ConvergenceWarning, InputError, caller
 from viscovib.results.branch import Branch
 from viscovib.results.dissipation import dissipated
-from viscovib.results.response import MAX_SEARCH, Response
+from viscovib.results.response import MAX_SEARCH, Response, find_peak
 from viscovib.results.structure_view import View
 from viscovib.systems.condensed import LoadedStructure
 from viscovib.systems.polynomial_system import PolynomialSystem
@@ -153,13 +153,10 @@ class StructureResponse(_OfStructure, Response):
         if j >= kept.size:
             return None
         watched, motions, row = _watched(self, d, places, kept)
-        cancel = np.zeros(1, dtype=np.intc)
-        at, size, found = _native.call_interruptibly(
-            core.mount_peak, cancel, *watched.job, 1, np.zeros(watched.job[0].size),
-            self.nu[places[0]], self.harmonics[kept], 0, self._tolerance, self.nu[places],
-            np.asfortranarray(motions.T), row + 1, j + 1, 0.0, 0.0, 1, cancel,
+        return find_peak(
+            watched.steady, self.harmonics[kept], self.nu[places], motions, (row, j),
+            self._tolerance, at_nu=self.nu[places[0]], keep_idle=False,
         )  # fmt: skip
-        return (at, size) if found else None
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -209,22 +206,16 @@ class StructureBranch(_OfStructure, Branch):
         places = np.array([i])
         factor = float(self.load_factor[i])
         watched, motions, row = _watched(self, d, places, kept, factor)
-        parameter, direction, nu = self._job[-3:]
-        job = watched.job
+        job = self._job
         if self.varies in ("nu", "load_factor"):
-            direction = np.zeros(job[0].size)
-        elif watched is _known(self._view).loaded:
-            job = (self._job[0], *job[1:])
-        else:
+            job = watched.steady.along(varies=self.varies, at_nu=job.given["at_nu"])
+        elif watched is not _known(self._view).loaded:
             # What varies is known of the deflections only.
             return None
-        cancel = np.zeros(1, dtype=np.intc)
-        at, size, found = _native.call_interruptibly(
-            core.mount_peak, cancel, *job, parameter, direction, nu, self.harmonics[kept], 1,
-            self._tolerance, self.parameter[places], np.asfortranarray(motions.T), row + 1, j + 1,
-            low, high, 1, cancel,
+        return find_peak(
+            job, self.harmonics[kept], self.parameter[places], motions, (row, j), self._tolerance,
+            keep_idle=True, low=float(low), high=float(high),
         )  # fmt: skip
-        return (at, size) if found else None
 
     def _summit_between(self, places: Any, d: int, j: int) -> tuple[float, float] | None:
         kept = np.flatnonzero(self.harmonics <= self.highest[places].max())
@@ -234,13 +225,11 @@ class StructureBranch(_OfStructure, Branch):
         if places.size * motions[0].size ** 3 * 8 > MAX_SEARCH:
             return None
         along = self.parameter[places]
-        cancel = np.zeros(1, dtype=np.intc)
-        at, size, found = _native.call_interruptibly(
-            core.mount_peak, cancel, *watched.job, self._job[-3], np.zeros(watched.job[0].size),
-            self._job[-1], self.harmonics[kept], 1, self._tolerance, along,
-            np.asfortranarray(motions.T), row + 1, j + 1, along[0], along[-1], 1, cancel,
+        job = watched.steady.along(varies=self.varies, at_nu=self._job.given["at_nu"])
+        return find_peak(
+            job, self.harmonics[kept], along, motions, (row, j), self._tolerance, keep_idle=True,
+            low=along[0], high=along[-1],
         )  # fmt: skip
-        return (at, size) if found else None
 
 
 def _checked(result: Any, points: int) -> FloatArray:

@@ -189,7 +189,10 @@ def run_one(scene: Scene, *, progress: bool = False) -> SceneResult:
     if "response" not in scene.groups:
         return _by_core(scene, planned)
     response = forced_response(**scene._job(), progress=progress)
-    return SceneResult(scene, replace(response, plan=planned, _asked=_asked(scene, "response")))
+    shown = replace(
+        response, _planned=partial(given_plan, planned), _asked=_asked(scene, "response")
+    )
+    return SceneResult(scene, shown)
 
 
 def _asked(scene: Scene, name: str) -> tuple[str, ...]:

@@ -48,7 +48,7 @@ class _AtPoint:
 
 def _of_one_shape(value: Response) -> Response:
     """Orders to 9, or to the highest of the load, of those that a response needed at this point."""
-    highest = max(_SHOWN, int(value._job[-2].max()))
+    highest = max(_SHOWN, int(value._job.orders.max()))
     first = int(value.harmonics[0])
     orders = np.arange(first, highest + 1, 1 if first == 0 else 2, dtype=np.int32)
     both = np.intersect1d(orders, value.harmonics)

@@ -10,6 +10,7 @@ from viscovib._native import ComplexArray, FloatArray, Handle, oscillator_object
 from viscovib.common.counts import things
 from viscovib.errors import InputError
 from viscovib.systems.element_laws import Laws
+from viscovib.systems.load import Job
 from viscovib.systems.penalty_supports import told_supports
 from viscovib.systems.resonant_forces import compliance, refine, with_modes
 from viscovib.systems.resting_forces import Motions, forces_of_laws, solved
@@ -315,6 +316,11 @@ class LoadedStructure:
     def _handle(self) -> Handle:
         """The condensed structure and its load in the core."""
         return oscillator_object(self.job[0], self.job[1:5])
+
+    @cached_property
+    def steady(self) -> Job:
+        """What tasks about steady motions take."""
+        return Job(self._handle, {"orders": self.job[5], "series": self.job[6]})
 
     @property
     def _base_deflections(self) -> FloatArray:

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from viscovib import _native
-from viscovib._native import ComplexArray, FloatArray, core
+from viscovib._native import ComplexArray, FloatArray, Handle, core
 from viscovib.errors import InputError
 
 #: What ``load`` may be: P on x; a vector over the coordinates; forces by the names of coordinates;
@@ -23,6 +24,45 @@ LoadLike = (
 )
 
 _MAX_ORDER = 100_000
+
+
+@dataclass(frozen=True)
+class Job:
+    """A system and its load, as tasks of the core take them.
+
+    ``given``: values of every task by name: the load's ``orders`` and ``series``; along a branch
+    also what ``varies``.
+    """
+
+    system: Handle
+    given: Mapping[str, Any]
+
+    @property
+    def orders(self) -> npt.NDArray[np.int32]:
+        """Orders of the load, shape (m,)."""
+        return np.asarray(self.given["orders"])
+
+    @property
+    def series(self) -> ComplexArray:
+        """Its coefficients, shape (n_dof + 1, m): forces, then the base."""
+        return np.asarray(self.given["series"])
+
+    @property
+    def n_dof(self) -> int:
+        """Coordinates that the core computes."""
+        return len(self.given["series"]) - 1
+
+    def along(self, **values: Any) -> Job:
+        """Return the same with more values."""
+        return Job(self.system, {**self.given, **values})
+
+    def run(self, task: str, **values: Any) -> dict[str, Any]:
+        """Run a task of the core."""
+        return _native.run(task, self.system, **self.given, **values)
+
+    def run_apart(self, task: str, **values: Any) -> dict[str, Any]:
+        """Run a task that may take long, so that Ctrl-C is heard."""
+        return _native.apart(lambda: self.run(task, **values))
 
 
 def fourier_coefficients(samples: npt.ArrayLike, orders: int) -> dict[int, complex]:

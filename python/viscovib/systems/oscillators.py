@@ -3,9 +3,11 @@
 from typing import Any, TypeAlias
 
 from viscovib import _native
+from viscovib._native import oscillator_object
 from viscovib.errors import InputError
 from viscovib.systems.condensed import LoadedStructure
 from viscovib.systems.load import (
+    Job,
     LoadLike,
     base_by_order,
     in_components,
@@ -77,7 +79,7 @@ def oscillator_job(
     *,
     whole: bool = False,
     stability: bool = False,
-) -> tuple[tuple[Any, ...], LoadedStructure | None]:
+) -> tuple[Job, LoadedStructure | None]:
     """Return system and load as the core takes them, and the structure if it is condensed.
 
     ``flat``: instead of the system's own numbers; ``whole``: do not condense a polynomial system;
@@ -93,7 +95,11 @@ def oscillator_job(
             condensed = system if system._condenses(stability) else None
     if condensed is not None:
         loaded = condensed._loaded(load, base)
-        return (loaded.job if flat is None else (flat, *loaded.job[1:])), loaded
+        job = loaded.steady
+        if flat is not None:
+            job = Job(oscillator_object(flat, loaded.job[1:5]), job.given)
+        return job, loaded
     assert not isinstance(system, Structure)
-    own = system._flat if flat is None else flat
-    return (own, *system._kernels, *oscillator_series(system, load, base)), None
+    own = system._handle if flat is None else oscillator_object(flat, system._kernels)
+    orders, series = oscillator_series(system, load, base)
+    return Job(own, {"orders": orders, "series": series}), None
