@@ -1,5 +1,5 @@
-!> Tasks about steady motions of oscillators. The load is a Fourier series: `orders` (m) and
-!! `series` (n_dof + 1, m), forces on the coordinates, then the motion of the base, as of `make_load`.
+!> Tasks about steady motions of oscillators. The load is a Fourier series: `orders` (m) and `series`
+!! (n_dof + 1, m), forces on the coordinates, then the motion of the base, as of `make_load`.
 module viscovib_response_tasks
   use viscovib_binding_tools, only: make_load
   use viscovib_curve_peak, only: climb, harmonic_measure
@@ -260,7 +260,7 @@ contains
     logical, allocatable :: moved(:)
     real(wp), allocatable :: x(:, :)
     real(wp) :: nu, tolerance, low, high, peak_p, peak_size
-    integer :: d, dof, i, n, n_dof, parameter, place, row
+    integer :: dof, n, parameter, place
     logical :: summit, wide, keep_idle
 
     parameter = given_variation(task)
@@ -285,8 +285,7 @@ contains
       system => task%system()
     end if
     if (task%failed()) return
-    n_dof = system%n_dof()
-    call task%check_extents('samples', shape(samples), [size(kept), n_dof, n])
+    call task%check_extents('samples', shape(samples), [size(kept), system%n_dof(), n])
     if (task%failed()) return
     call new_harmonic_set(set, kept(size(kept)), kept(1) > 0, system%degree)
     moved = moved_coordinates(system, load%drives(system) .or. keep_idle)
@@ -306,18 +305,7 @@ contains
     peak_size = -1.0_wp
     summit = .false.
     if (moved(dof)) then
-      allocate (x(2*size(kept)*count(moved), n))
-      row = 0
-      do d = 1, n_dof
-        if (.not. moved(d)) cycle
-        do i = 1, n
-          x(row + 1:row + 2*size(kept):2, i) = real(samples(:, d, i))
-          x(row + 2:row + 2*size(kept):2, i) = aimag(samples(:, d, i))
-        end do
-        call take_base_motion(d, row)
-        if (d == dof) measure%place = row + 2*place - [1, 0]
-        row = row + 2*size(kept)
-      end do
+      x = peak_unknowns(system, load, moved, kept, samples, p, parameter, dof, place, measure)
       if (n == 1) then
         peak_p = p(1)
         call climb(curve, measure, tolerance, low, high, x(:, 1), peak_p, summit, task%cancel)
@@ -330,35 +318,53 @@ contains
     call task%found%put_real('at', peak_p)
     call task%found%put_real('size', peak_size)
     call task%found%put_integer('enclosed', merge(1_i8, 0_i8, summit))
+  end subroutine find_peak
 
-  contains
+  !> Unknowns of absolute motions, which are relative to the base, and where the harmonic measured
+  !! is among them, with what it has besides.
+  function peak_unknowns(system, load, moved, kept, samples, p, parameter, dof, place, measure) &
+    result(x)
+    class(oscillator_type), intent(in) :: system
+    type(load_type), intent(in) :: load
+    !> Shapes (n_dof), (m), (m, n_dof, n) and (n).
+    logical, intent(in) :: moved(:)
+    integer, intent(in) :: kept(:)
+    complex(wp), intent(in) :: samples(:, :, :)
+    real(wp), intent(in) :: p(:)
+    integer, intent(in) :: parameter, dof, place
+    type(harmonic_measure), intent(inout) :: measure
+    real(wp), allocatable :: x(:, :)
+    complex(wp) :: shift(system%n_dof()), base
+    real(wp) :: factor(size(p))
+    integer :: d, j, k, m, row
 
-    !> The motion relative to the base, and what the harmonic measured has besides.
-    subroutine take_base_motion(coordinate, first)
-      integer, intent(in) :: coordinate, first
-      complex(wp) :: base, shift(system%n_dof())
-      real(wp) :: factor(n)
-      integer :: j, k
-
-      factor = 1.0_wp
-      if (parameter == vary_load) factor = p
+    m = 2*size(kept)
+    allocate (x(m*count(moved), size(p)))
+    factor = 1.0_wp
+    if (parameter == vary_load) factor = p
+    row = 0
+    do d = 1, size(moved)
+      if (.not. moved(d)) cycle
+      x(row + 1:row + m:2, :) = real(samples(:, d, :))
+      x(row + 2:row + m:2, :) = aimag(samples(:, d, :))
+      if (d == dof) measure%place = row + 2*place - [1, 0]
       do j = 1, size(load%orders)
         k = findloc(kept, load%orders(j), 1)
         if (k == 0) cycle
         shift = load%shift(system, j)
-        base = shift(coordinate)
-        x(first + 2*k - 1, :) = x(first + 2*k - 1, :) - factor*real(base)
-        x(first + 2*k, :) = x(first + 2*k, :) - factor*aimag(base)
-        if (coordinate /= dof .or. k /= place) cycle
+        base = shift(d)
+        x(row + 2*k - 1, :) = x(row + 2*k - 1, :) - factor*real(base)
+        x(row + 2*k, :) = x(row + 2*k, :) - factor*aimag(base)
+        if (d /= dof .or. k /= place) cycle
         if (parameter == vary_load) then
           measure%offset_by_p = [real(base), aimag(base)]
         else
           measure%offset = [real(base), aimag(base)]
         end if
       end do
-    end subroutine take_base_motion
-
-  end subroutine find_peak
+      row = row + m
+    end do
+  end function peak_unknowns
 
   !> Unknowns of a motion: real and imaginary parts by turns.
   pure function unknowns_of(motion) result(x)
