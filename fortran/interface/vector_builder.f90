@@ -12,7 +12,7 @@ module viscovib_vector_builder
   public :: vector_builder, vector_at
 
   type, extends(system_builder) :: vector_builder
-    !> As in mount_binding; directions one behind the other.
+    !> As of `make_system`; directions one behind the other.
     real(wp), allocatable :: flat(:), direction(:), data_x(:), data_phi(:)
     integer :: kind_x = 0, kind_phi = 0
   contains

@@ -266,6 +266,8 @@ def call(routine: Callable[..., tuple[Any, ...]], *arguments: object) -> tuple[A
 _REAL, _COMPLEX, _INTEGER, _TEXT = 1, 2, 3, 4
 _KINDS = {"f": _REAL, "c": _COMPLEX, "i": _INTEGER, "u": _INTEGER, "b": _INTEGER}
 _NO_NUMBERS = np.empty(0)
+#: Elements of an array that are packed one by one.
+_ONE_BY_ONE = 32
 _NO_CANCEL = np.zeros(1, dtype=np.intc)
 
 
@@ -319,11 +321,12 @@ def oscillator_object(
 def _begin(
     task: str, parents: tuple[Handle, ...], values: Mapping[str, Any]
 ) -> tuple[int, FloatArray]:
-    integers: list[int] = [len(parents), *[parent.number for parent in parents]]
-    numbers: list[Any] = []
+    integers: list[Any] = [len(parents), *[parent.number for parent in parents]]
     whole: list[Any] = []
+    numbers: list[Any] = []
     letters = b""
-    names = ",".join(values)
+    # Whether there are arrays among the elements.
+    wide = [False, False]
     for value in values.values():
         kind = type(value)
         if kind is float:
@@ -335,11 +338,15 @@ def _begin(
         elif kind is np.ndarray:
             code = _KINDS[value.dtype.kind]
             integers += (code, value.ndim, *value.shape)
-            if code == _INTEGER:
-                whole.append(value.ravel("F"))
+            flat = value.ravel("F")
+            if code == _COMPLEX:
+                flat = flat.view(np.float64)
+            row = whole if code == _INTEGER else numbers
+            if flat.size <= _ONE_BY_ONE:
+                row += flat.tolist()
             else:
-                flat = value.ravel("F")
-                numbers.append(flat.view(np.float64) if code == _COMPLEX else flat)
+                row.append(flat)
+                wide[code == _INTEGER] = True
         elif kind is str or kind is bytes:
             text = value.encode() if kind is str else value
             integers += (_TEXT, 1, len(text))
@@ -354,12 +361,15 @@ def _begin(
         else:
             integers += (_COMPLEX, 0)
             numbers += (value.real, value.imag)
+    integers += whole
     found = core.begin_call(
-        f"{task};{names};".encode() + letters,
-        np.hstack([integers, *whole]) if whole else integers,
-        np.hstack(numbers) if numbers else _NO_NUMBERS,
+        f"{task};{','.join(values)};".encode() + letters,
+        np.hstack(integers) if wide[1] else integers,
+        np.hstack(numbers) if wide[0] else numbers or _NO_NUMBERS,
         _NO_CANCEL if _listening.flag is None else _listening.flag,
     )
+    if found[2] == 0 and _unheard.error is None:
+        return found[0], found[1]
     handle, sizes = call(lambda: found)
     return handle, sizes
 
@@ -369,30 +379,33 @@ def _found(handle: int, sizes: Any, keep: int) -> dict[str, Any]:
     text, integers, numbers = call(core.end_call, handle, keep, *sizes.tolist())
     names, _, letters = text.tobytes().partition(b";")
     whole = integers.tolist()
-    found: dict[str, Any] = {}
-    forms: list[tuple[int, tuple[int, ...]]] = []
+    forms = []
     at = 0
-    for _ in range(names.count(b",")):
-        rank = whole[at + 1]
-        forms.append((whole[at], tuple(whole[at + 2 : at + 2 + rank])))
-        at += 2 + rank
+    for name in names.decode().split(",")[:-1]:
+        first = at + 2
+        last = first + whole[at + 1]
+        forms.append((name, whole[at], whole[first:last]))
+        at = last
+    found: dict[str, Any] = {}
     of_numbers = of_letters = 0
-    for name, (kind, shape) in zip(names.decode().split(","), forms, strict=False):
+    for name, kind, shape in forms:
         size = math.prod(shape)
+        part: Any
         if kind == _INTEGER:
-            part = integers[at : at + size]
+            part = integers[at : at + size] if shape else whole[at]
             at += size
-            found[name] = part.reshape(shape, order="F") if shape else int(part[0])
         elif kind == _TEXT:
-            found[name] = letters[of_letters : of_letters + size].decode(errors="replace")
+            part = letters[of_letters : of_letters + size].decode(errors="replace")
             of_letters += size
-        else:
-            size *= kind
-            part = numbers[of_numbers : of_numbers + size]
+        elif kind == _REAL:
+            part = numbers[of_numbers : of_numbers + size] if shape else numbers.item(of_numbers)
             of_numbers += size
-            if kind == _COMPLEX:
-                part = part.view(np.complex128)
-            found[name] = part.reshape(shape, order="F") if shape else part[0].item()
+        else:
+            part = numbers[of_numbers : of_numbers + 2 * size].view(np.complex128)
+            of_numbers += 2 * size
+            if not shape:
+                part = part.item()
+        found[name] = part.reshape(shape, order="F") if len(shape) > 1 else part
     return found
 
 
