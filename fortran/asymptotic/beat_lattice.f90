@@ -1,9 +1,9 @@
-!> Beats: the frequencies at which the terms of modulation equations turn in their frame, as whole
-!! multiples of a few, and functions of the angles of these as sums of waves
+!> Beats: the frequencies at which the terms of modulation equations rotate in their frame, as
+!! integer combinations of a few base frequencies, and functions of their angles as Fourier sums
 !!
 !!   f(theta) = sum_m F_m exp(i m.theta),      |m_1| + |m_2| + ... <= bound.
 !!
-!! Products of three such functions are computed at the points of a grid that tells apart all
+!! Products of three such functions are computed at the points of a grid that resolves all
 !! orders up to twice the bound in each angle.
 module viscovib_beat_lattice
   use viscovib_kinds, only: wp
@@ -13,9 +13,9 @@ module viscovib_beat_lattice
   public :: beat_lattice_type, find_beats, transform
 
   integer, parameter, public :: max_beats = 3
-  !> Highest multiples that are looked for, by the number of beats.
+  !> Highest multiples in the search, by the number of beats.
   integer, parameter :: farthest(0:max_beats) = [0, 40, 8, 4]
-  !> Frequencies that differ by less than this part of the highest are one.
+  !> Frequencies that differ by less than this fraction of the highest count as equal.
   real(wp), parameter :: same = 1.0e-10_wp
   real(wp), parameter :: two_pi = 6.283185307179586_wp
 
@@ -39,10 +39,10 @@ module viscovib_beat_lattice
 
 contains
 
-  !> The beats behind the frequencies of turning; `known`: they are few enough.
+  !> Base frequencies of the rotating terms; `known` is false if there are more than max_beats.
   pure subroutine find_beats(turn, scale, lattice, known)
     real(wp), intent(in) :: turn(:)
-    !> The highest frequency they are differences of.
+    !> The highest frequency among those whose differences are given.
     real(wp), intent(in) :: scale
     type(beat_lattice_type), intent(out) :: lattice
     logical, intent(out) :: known
@@ -52,7 +52,7 @@ contains
     allocate (lattice%turns(max_beats, size(turn)), source=0)
     known = .true.
     waits = abs(turn) > same*scale
-    ! The slowest first: others are more likely its multiples.
+    ! Begin with the lowest: others are more likely to be its multiples.
     do while (any(waits))
       i = minloc(abs(turn), 1, mask=waits)
       waits(i) = .false.
@@ -72,7 +72,7 @@ contains
     end do
   end subroutine find_beats
 
-  !> The lowest multiples of the beats that add up to a frequency.
+  !> The lowest integer combination of the beats that equals a frequency.
   pure subroutine combine(lattice, frequency, scale, m, found)
     type(beat_lattice_type), intent(in) :: lattice
     real(wp), intent(in) :: frequency, scale
@@ -97,7 +97,7 @@ contains
     end do
   end subroutine combine
 
-  !> A frequency that is a fraction of a beat: both are multiples of a slower one.
+  !> A frequency that is a fraction of a beat: replace the beat by a lower common base frequency.
   pure subroutine divide_a_beat(lattice, frequency, scale, found)
     type(beat_lattice_type), intent(inout) :: lattice
     real(wp), intent(in) :: frequency, scale
@@ -119,7 +119,7 @@ contains
     end do
   end subroutine divide_a_beat
 
-  !> Take half the sum of some beats in: bit i - 1 of the mask stands for beat i.
+  !> Add half the sum of some beats as a base frequency: bit i - 1 of the mask selects beat i.
   pure subroutine halve(self, mask)
     class(beat_lattice_type), intent(inout) :: self
     integer, intent(in) :: mask
@@ -140,7 +140,7 @@ contains
     self%turns(first, :) = 2*self%turns(first, :)
   end subroutine halve
 
-  !> The lowest bound under which the terms themselves have a place.
+  !> The lowest bound that includes the orders of the terms themselves.
   pure integer function lowest_bound(self)
     class(beat_lattice_type), intent(in) :: self
     lowest_bound = 0
@@ -191,7 +191,7 @@ contains
     end do
   end function angles_of
 
-  !> Where in a transform the order m is.
+  !> Index of the order m in a transform.
   pure integer function place_of(self, m)
     class(beat_lattice_type), intent(in) :: self
     integer, intent(in) :: m(max_beats)

@@ -1,22 +1,22 @@
-!> Motions of modulation equations whose terms turn in every frame: amplitudes that beat,
+!> Motions of modulation equations with terms that rotate in every frame: beating amplitudes,
 !!
 !!   a_j(t) = sum_m A_jm exp(i m.B t),
 !!
-!! B the frequencies of the beats (`viscovib_beat_lattice`).
+!! where B are the beat frequencies (`viscovib_beat_lattice`).
 !!
-!! The equations are integrated until what the start gave has decayed. A least-squares fit of
-!! waves to what follows is where Newton's method begins, for
+!! The equations are integrated until the initial transient has decayed. A least-squares fit of
+!! waves to the motion after that is the first approximation of Newton's method for
 !!
 !!   i m.B A_jm = F_m[rates_j(a(theta), theta)],
 !!
-!! F_m over the angles theta of the beats; orders are added until they do not matter. Beats of half
-!! a frequency that the equations turn with, as a mode has that follows one load by parametric
-!! excitation and is pushed by another, are found by trying. The motion found must be the one
-!! integrated: else it has frequencies of its own, or none (chaos).
+!! where F_m is the Fourier coefficient over the angles theta of the beats. Orders are added until
+!! their effect is negligible. A mode with parametric excitation by one load and direct excitation
+!! by another has beats of half a frequency of the equations; these are found by trial. The solution
+!! must agree with the integrated motion. Otherwise that motion has other frequencies or is chaotic.
 !!
-!! Whether neighbours come back: da' = P da + Q conj(da) is integrated along the motion, orthogonal
-!! again after each step, and the logarithms of what the columns grow by are averaged with weights
-!! that vanish smoothly at both ends (Das, Saiki, Sander, Yorke, Nonlinearity 30 (2017) 4111).
+!! Stability: da' = P da + Q conj(da) is integrated along the motion and orthogonalized after each
+!! step. The logarithms of the growth of the columns are averaged with weights that vanish smoothly
+!! at both ends (Das, Saiki, Sander, Yorke, Nonlinearity 30 (2017) 4111).
 module viscovib_beating_flow
   use viscovib_beat_lattice, only: beat_lattice_type, find_beats, max_beats, transform
   use viscovib_block_factors, only: factorize_blocks
@@ -31,24 +31,24 @@ module viscovib_beating_flow
 
   public :: beating_flow_type, find_beating_flow, amplitudes_at
 
-  !> The amplitudes are those of beats; they do not settle on any; they leave all range; they settle
-  !! on those of a motion found before.
+  !> Results: a beating motion; no convergence to one; amplitudes without bound; convergence
+  !! to a motion found before.
   integer, parameter, public :: beats_found = 1, beats_unsettled = 2, beats_beyond = 3, &
                                 beats_known = 4
-  !> Orders of the lattice, by the number of beats, in turn; of the first fit.
+  !> Bounds of the orders that are tried one after the other, by the number of beats; of the fit.
   integer, parameter :: bounds(3, 0:max_beats) = reshape([0, 0, 0, 8, 16, 32, 4, 6, 9, 3, 4, 5], &
                                                          [3, max_beats + 1])
   integer, parameter :: first_bound(0:max_beats) = [0, 8, 4, 2]
-  !> Orders at the bound matter no more below this part of the largest.
+  !> Orders at the bound are negligible below this fraction of the largest.
   real(wp), parameter :: small_tail = 1.0e-5_wp
-  !> Above it nothing is said.
+  !> Above it the stability is not decided.
   real(wp), parameter :: large_tail = 1.0e-2_wp
   integer, parameter :: n_samples = 480, max_newton = 12, max_steps = 400000
-  !> What the start gave has fallen by exp(-this) at first.
+  !> The initial transient has decayed by exp(-this) in the first attempt.
   real(wp), parameter :: settling = 14.0_wp
-  !> The motion found and the one integrated are one up to this part.
+  !> Relative difference up to which the solution and the integrated motion count as equal.
   real(wp), parameter :: same_motion = 0.02_wp
-  !> And the fit that begins is as near as this.
+  !> Relative difference allowed for the fit.
   real(wp), parameter :: near_motion = 0.1_wp
   real(wp), parameter :: two_pi = 6.283185307179586_wp
 
@@ -57,12 +57,12 @@ module viscovib_beating_flow
     type(beat_lattice_type) :: lattice
     !> A_jm, shape (n_modes, n_orders).
     complex(wp), allocatable :: a(:, :)
-    !> Part of the largest that the outermost orders are.
+    !> Size of the outermost orders relative to the largest.
     real(wp) :: tail = 0.0_wp
-    !> What neighbours grow by, the largest first, shape (2 n_modes), and how sure the largest is.
+    !> Growth rates of perturbations, descending, shape (2 n_modes), and the error of the largest.
     real(wp), allocatable :: growth(:)
     real(wp) :: growth_error = 0.0_wp
-    !> The fastest change that the equations make, and that of it which goes with amplitudes.
+    !> The highest rate of change in the equations, and its part that depends on amplitudes.
     real(wp) :: fastest = 0.0_wp, bent = 0.0_wp
   end type beating_flow_type
 
@@ -112,7 +112,7 @@ contains
     call find_growth(flow, slowest, beats)
   end subroutine find_beating_flow
 
-  !> Times from t on, over some beats and uneven, so that no beat looks like another.
+  !> Times from t on, over some beats, with uneven spacing, so that no beats are aliased.
   pure function sample_times(lattice, t) result(times)
     type(beat_lattice_type), intent(in) :: lattice
     real(wp), intent(in) :: t
@@ -150,7 +150,7 @@ contains
     end do
   end function amplitudes_at
 
-  !> From samples to the motion they belong to; `found`: it goes through them.
+  !> The beating motion through given samples; `found`: it agrees with them.
   subroutine fit_beats(flow, times, a, beats, found)
     type(slow_flow_type), intent(in) :: flow
     real(wp), intent(in) :: times(:)
@@ -223,7 +223,7 @@ contains
       misfit = misfit_of(beats, times, a)
       if (misfit > least) cycle
       found = .true.
-      ! Without half frequencies if that will do.
+      ! Without half frequencies if this fit is sufficient.
       if (mask == 0) return
       least = misfit
       waves = beats%a
@@ -236,7 +236,7 @@ contains
     call move_alloc(waves, beats%a)
   end subroutine first_fit
 
-  !> How far the waves pass by the samples.
+  !> Largest difference between the waves and the samples.
   pure real(wp) function misfit_of(beats, times, a)
     type(beating_flow_type), intent(in) :: beats
     real(wp), intent(in) :: times(:)
@@ -265,7 +265,7 @@ contains
     end do
     matrix = matmul(conjg(transpose(basis)), basis)
     do i = 1, n
-      ! Waves that look alike share what there is.
+      ! Waves that the samples cannot distinguish share the amplitude.
       matrix(i, i) = matrix(i, i)*(1.0_wp + 1.0e-9_wp)
     end do
     allocate (waves(size(a, 1), n))
@@ -407,7 +407,7 @@ contains
     end associate
   end subroutine fill
 
-  !> What neighbours of the motion grow by.
+  !> Growth rates of perturbations of the motion.
   subroutine find_growth(flow, slowest, beats)
     type(slow_flow_type), intent(in) :: flow
     !> Decay of the mode that decays most slowly.
@@ -478,7 +478,7 @@ contains
       matrix(:, :) = real_matrix(p, q)
     end function matrix_at
 
-    !> exp(-1/(x (1 - x))) in parts of its sum over n points.
+    !> exp(-1/(x (1 - x))), divided by its sum over n points.
     real(wp) function bump(x)
       real(wp), intent(in) :: x
       real(wp), parameter :: integral = 7.0298584066096e-3_wp

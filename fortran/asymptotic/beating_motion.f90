@@ -1,9 +1,9 @@
-!> Quasi-periodic motions under several loads: what modulation equations that no frame makes stand
-!! still settle on (`viscovib_beating_flow`), as a motion of third order with its lines.
+!> Quasi-periodic motions under several loads: the attractors of modulation equations that are
+!! not autonomous in any frame (`viscovib_beating_flow`), as motions of third order with lines.
 !!
-!! A product of generators turns with the sum of their frequencies, its amplitude with the beats: so
-!! the motion is a sum of waves, u = mean + sum_k Re X_k exp(i f_k t), each f_k a sum of whole
-!! multiples of what the frame and the loads turn with. Waves of one frequency are one line.
+!! A product of generators rotates at the sum of their frequencies, and its amplitude beats. So the
+!! motion is a sum of waves, u = mean + sum_k Re X_k exp(i f_k t), where each f_k is an integer
+!! combination of the frequencies of the frame and the loads. Waves of equal frequency are one line.
 module viscovib_beating_motion
   use viscovib_beat_lattice, only: transform
   use viscovib_beating_flow, only: amplitudes_at, beating_flow_type, beats_found, find_beating_flow
@@ -20,14 +20,14 @@ module viscovib_beating_motion
   public :: beating_motion_type, find_beating_motion, beating_errors
 
   integer, parameter :: max_rounds = 3, max_carriers = 400
-  !> Motions count up to this influence of what is left out.
+  !> Largest influence of neglected terms up to which a motion is accepted.
   real(wp), parameter :: least_fall = 0.3_wp
-  !> Lines kept: this part of the largest of their coordinate.
+  !> Smallest line that is kept, relative to the largest of its coordinate.
   real(wp), parameter :: least_line = 1.0e-9_wp
-  !> Frequencies that differ by less than this part of the highest of the modes are one.
+  !> Frequencies that differ by less than this fraction of the highest natural one count as equal.
   real(wp), parameter :: same = 1.0e-9_wp
   real(wp), parameter :: two_pi = 6.283185307179586_wp
-  !> Times at which the error of a motion is followed.
+  !> Number of times at which the error of a motion is evaluated.
   integer, parameter :: n_knots = 400
 
   type :: beating_motion_type
@@ -43,13 +43,13 @@ module viscovib_beating_motion
 
 contains
 
-  !> The motion that follows from amplitudes at time 0; `scales` are the equations it obeys.
+  !> The beating motion from given amplitudes at time 0; `scales` contains its equations.
   subroutine find_beating_motion(form, tolerance, start, known, scales, motion, status, cancel)
     type(polynomial_form_type), intent(in) :: form
     real(wp), intent(in) :: tolerance
     !> In natural units.
     complex(wp), intent(in) :: start(:)
-    !> Motions found before, which are not sought again.
+    !> Motions found before, which are not computed again.
     type(beating_flow_type), intent(in) :: known(:)
     type(multiple_scales_type), intent(out) :: scales
     type(beating_motion_type), intent(out) :: motion
@@ -69,7 +69,7 @@ contains
       if (.not. (scales%normal%choosing .and. wants_more(scales%normal, largest))) exit
       expected = max(expected, largest)
     end do
-    ! Nothing else judges here what is far, but strong enough to make a mode grow: from 1/2 on.
+    ! Only this test includes distant terms that make a mode grow: their influence is >= 1/2.
     motion%left_out = max(left_out(scales%normal, largest), &
                           least_fall/0.5_wp*far_influence(scales%normal, largest, .true.))
     call harmonic_of(scales, cmplx(largest, 0.0_wp, wp), 1.0_wp, x, motion%sizes)
@@ -135,7 +135,7 @@ contains
       n_carriers = 0
       allocate (wave(size(a, 1), d, max_carriers), product(size(a, 1)))
       do i = 1, g
-        ! A product of one has its conjugate by itself, others are listed with it.
+        ! The list contains the conjugates of products, but not those of single generators.
         if (moves(i)) call add(turn(i), y(:, i), normal%right(:d, i))
         if (moves(i)) call add(-turn(i), conjg(y(:, i)), conjg(normal%right(:d, i)))
       end do
@@ -184,7 +184,7 @@ contains
 
   end subroutine find_lines
 
-  !> Waves of each carrier, sorted by frequency and put together.
+  !> Waves of all carriers, sorted by frequency; those of equal frequency are added.
   subroutine collect(scales, motion, carrier, wave)
     type(multiple_scales_type), intent(in) :: scales
     type(beating_motion_type), intent(inout) :: motion
@@ -217,7 +217,7 @@ contains
             n = place
             frequency(n) = f
           end if
-          ! The mean has no conjugate beside it.
+          ! The mean is real: it is not doubled by a conjugate.
           x(:, place) = x(:, place) + merge(1.0_wp, 2.0_wp, place == 1)*wave(at, :d, c)
         end do
       end do
@@ -238,8 +238,8 @@ contains
     end do
   end subroutine collect
 
-  !> The largest error of the motion in each coordinate, over some beats, after what its start adds
-  !! has decayed.
+  !> The largest error of the motion in each coordinate, over some beats, after the decay of its
+  !! initial transient.
   subroutine beating_errors(scales, full, motion, errors, cancel)
     type(multiple_scales_type), intent(in) :: scales
     !> As in `find_defect`.
@@ -258,7 +258,7 @@ contains
         span = span + 2.0_wp*two_pi/slowest
       end associate
     end if
-    ! Amplitudes are taken as cubic between the knots.
+    ! Amplitudes are interpolated by cubics between the knots.
     span = min(span, 0.5_wp*n_knots/max(motion%flow%fastest, tiny(1.0_wp)))
     do i = 1, n_knots
       times(i) = span*(i - 1)/(n_knots - 1)

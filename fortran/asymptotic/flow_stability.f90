@@ -11,8 +11,8 @@ module viscovib_flow_stability
 
 contains
 
-  !> Of da' = P da + Q conj(da). A mode tied to no other has s = Re P +- sqrt(|Q|^2 - (Im P)^2);
-  !! the others are those of their matrix together; NaN where these are not found.
+  !> Of da' = P da + Q conj(da). An uncoupled mode has s = Re P +- sqrt(|Q|^2 - (Im P)^2);
+  !! the others are eigenvalues of the matrix of the coupled modes; NaN if these do not converge.
   pure subroutine flow_eigenvalues(flow, a, values)
     type(slow_flow_type), intent(in) :: flow
     complex(wp), intent(in) :: a(flow%n_modes)

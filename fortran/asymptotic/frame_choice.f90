@@ -1,9 +1,9 @@
-!> Which resonant terms can stand still in one frame, taken one after the other.
+!> Selection of resonant terms that are constant in a common frame, one after the other.
 !!
-!! Each term is a linear condition on the frame's frequencies W: the sum of those of its factors,
-!! loads included, is that of the mode it drives. A term whose condition contradicts those taken
-!! before, or that would let more modes move together than are solved for, is turned away: it
-!! stays a wave of its own, which is periodic in no frame of the others (quasi-periodic motion).
+!! Each term is a linear condition on the frame's frequencies W: the frequency of the driven mode is
+!! the sum of the frequencies of the factors, loads included. A term is rejected if its condition
+!! contradicts the accepted ones, or if it would couple more modes than the solver accepts. It then
+!! remains a separate wave, which is not periodic in the frame (quasi-periodic motion).
 module viscovib_frame_choice
   use viscovib_kinds, only: wp
   implicit none
@@ -11,7 +11,7 @@ module viscovib_frame_choice
 
   public :: frame_choice_type, new_frame_choice
 
-  !> Modes that move together at most, as steady motions are solved for.
+  !> Largest number of coupled modes: the limit of the solver of steady motions.
   integer, parameter :: max_moving = 3
   real(wp), parameter :: same = 1.0e-9_wp
 
@@ -19,7 +19,7 @@ module viscovib_frame_choice
     !> Natural frequencies, and orthonormal conditions on W - natural, a column each.
     real(wp), allocatable :: natural(:), basis(:, :), offset(:)
     integer :: n = 0
-    !> Of the terms taken that are no mere shifts: modes in them, and whether loads are.
+    !> Of the accepted terms that are not only shifts: modes that occur, and whether loads occur.
     logical, allocatable, private :: tied(:, :), loaded(:)
     integer, private :: n_tied = 0
   contains
@@ -39,7 +39,7 @@ contains
     allocate (choice%tied(size(natural), 64), choice%loaded(64))
   end subroutine new_frame_choice
 
-  !> Take a term if it fits.
+  !> Accept a term if its condition is compatible.
   subroutine take(self, row, powers, drive, loaded, taken)
     class(frame_choice_type), intent(inout) :: self
     !> Mode that is driven.
@@ -56,7 +56,7 @@ contains
 
     condition = powers
     condition(row) = condition(row) - 1.0_wp
-    ! A shift of the mode's own exponent stands still in every frame.
+    ! A shift of the mode's own exponent is constant in every frame.
     taken = .not. any(abs(condition) > 0.0_wp) .and. .not. abs(drive) > 0.0_wp
     if (taken) return
     if (self%n_tied == size(self%loaded)) then

@@ -1,10 +1,10 @@
 !> Modes of the linear part, damping and memory included: L(s) r = 0, l L(s) = 0.
 !!
-!! From the modes without either, by Rayleigh's quotient on both sides: s such
+!! Iteration from the modes without damping and memory by two-sided Rayleigh quotients: s such
 !! that l L(s) r = 0, then L(s) r_new = L'(s) r and likewise l (Ruhe, Algorithms
 !! for the nonlinear eigenvalue problem, SIAM J. Numer. Anal. 10 (1973) 674).
-!! Vectors stay what they are where they already solve it, so that equal
-!! frequencies keep the shapes given.
+!! Vectors that already solve the equations are not changed, so that modes of equal
+!! frequencies keep the given shapes.
 module viscovib_linear_modes
   use viscovib_dense, only: equilibrate, outer, solve_complex
   use viscovib_kinds, only: wp
@@ -20,7 +20,7 @@ module viscovib_linear_modes
 
 contains
 
-  !> Each mode that turns: the exponent with the positive imaginary part.
+  !> For each oscillating mode, the exponent with the positive imaginary part.
   subroutine find_modes(form, s, right, left, status)
     type(polynomial_form_type), intent(in) :: form
     !> Exponents, shape (n_modes).
@@ -68,7 +68,7 @@ contains
     do round = 1, max_rounds
       call rayleigh(form, r, l, s, found)
       if (.not. found) return
-      ! In these units lengths and angles, forces and moments are alike.
+      ! In these units lengths and angles, and forces and moments, have similar sizes.
       matrix = form%operator_at(s)*outer(rows, columns)
       r = r/columns
       l = l/rows
@@ -90,7 +90,7 @@ contains
       if (.not. found) return
       l = l/maxval(abs(l))
     end do
-    ! A mode that hardly turns is none of an oscillation.
+    ! A mode with a negligible imaginary part does not oscillate.
     found = found .and. aimag(s) > 0.1_wp*abs(s) .and. aimag(s) > 1.0e-3_wp*start_speed
   end subroutine follow
 
@@ -105,7 +105,7 @@ contains
                      rows, columns)
   end subroutine find_units
 
-  !> |A x| over what its terms add up to.
+  !> |A x| divided by the sum of the moduli of its terms.
   pure real(wp) function residual(a, x)
     complex(wp), intent(in) :: a(:, :), x(:)
     real(wp) :: largest, scale
@@ -149,7 +149,7 @@ contains
       found = abs(step) <= rounding*abs(s)
       if (found) exit
     end do
-    ! A last step may be rounding for ever: what matters is checked by the caller.
+    ! The last steps may stagnate at rounding errors: the caller checks the residual.
     found = aimag(s) > 0.0_wp
   end subroutine rayleigh
 

@@ -64,7 +64,7 @@ contains
     call flow%rates(t, now, k(:, 1))
     size_of = maxval(abs(now))
     speed = maxval(abs(k(:, 1)))
-    ! From rest the error control finds the step.
+    ! From zero amplitudes the error control selects the step size.
     h = merge(times(n), 1.0e-4_wp*times(n), size_of > 0.0_wp)
     if (size_of > 0.0_wp .and. speed > 0.0_wp) h = min(h, 0.01_wp*size_of/speed)
     limit = 1.0e8_wp*max(size_of, speed*times(n))
@@ -78,7 +78,7 @@ contains
         call flow%rates(t + nodes(min(i, 6))*h, new, k(:, i))
       end do
       if (.not. all(abs(new) <= limit)) then
-        ! Either far too long a step, or an amplitude that grows without bound.
+        ! Either the step is too long, or an amplitude grows without bound.
         outcome = merge(modulation_overflow, outcome, maxval(abs(now)) > 1.0e-2_wp*limit &
                         .or. t + h <= t)
         if (outcome == modulation_overflow) return

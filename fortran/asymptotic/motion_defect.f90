@@ -1,18 +1,18 @@
-!> What the motion of third order leaves over in the equations themselves, and the motion that
-!! this calls for: an estimate of the error from what is known after the fact.
+!> The residual of the motion of third order in the full equations, and the correction that it
+!! causes: an a posteriori estimate of the error.
 !!
-!! Amplitudes kept, the motion is a function of the angles of its generators
-!! (`viscovib_motion_lattice`); with its derivatives it is put into the full equations, all
-!! degrees, at the points of a lattice over these angles. The residual's waves E_h exp(i h.theta),
-!! orders |h| <= 4, give
+!! For fixed amplitudes the motion is a function of the angles of its generators
+!! (`viscovib_motion_lattice`). The motion and its derivatives are substituted into the full
+!! equations (all degrees) at the points of a lattice over these angles. The waves of the residual,
+!! E_h exp(i h.theta) with orders |h| <= 4, give
 !!
 !!   L(s_h) U_h + sum_j g_jh L[s_h, s_j] r_j = -E_h
 !!
-!! as the waves of the expansion do: a motion U_h where no mode is near, a change g_jh of the
-!! mode's amplitude where one is. Quadratic terms make of U and the motion what counts as much as
-!! the next order of E itself, so with them the motion plus U goes through the same once more:
-!! U grows by what is left, and g is then the whole change. Memory acts on a wave whose amplitude
-!! changes slowly by (1 - R)(s_h) and its first two derivatives.
+!! as for waves of the expansion: a motion U_h if no mode is near, otherwise a change g_jh of the
+!! amplitude of this mode. Quadratic terms of U and the motion are as large as the next order of E.
+!! So with quadratic terms the motion plus U is substituted a second time: the new correction is
+!! added to U, and g is then the whole change. For a wave whose amplitude changes slowly, memory is
+!! represented by (1 - R)(s_h) and its first two derivatives.
 module viscovib_motion_defect
   use viscovib_kinds, only: wp
   use viscovib_motion_lattice, only: angles_type, find_angles, lattice_of, list_orders, &
@@ -26,14 +26,14 @@ module viscovib_motion_defect
 
   real(wp), parameter :: two_pi = 6.283185307179586_wp
 
-  !> In natural units, a column a wave; of each wave and its conjugate the one that does not
-  !! turn backwards.
+  !> In natural units, one column for each wave; of a wave and its conjugate, the one that
+  !! has a negative frequency is omitted.
   type :: defect_type
     integer :: n = 0
-    !> False: more angles than are sampled, nothing is known.
+    !> False: there are more angles than the limit, and the defect was not computed.
     logical :: known = .true.
     real(wp), allocatable :: frequency(:)
-    !> What the frame makes of it: the phase of the wave at time t is this times t.
+    !> Frequency in the frame: the phase of the wave at time t is this times t.
     real(wp), allocatable :: phase_rate(:)
     !> U_h, shape (n, n_waves), and g_jh, shape (n_modes, n_waves).
     complex(wp), allocatable :: u(:, :), rates(:, :)
@@ -43,12 +43,12 @@ contains
 
   subroutine find_defect(scales, full, a, defect, band, turns, rates_only)
     type(multiple_scales_type), intent(in) :: scales
-    !> The system itself, in the caller's units; not allocated: the form is all of it.
+    !> The full system in the caller's units; not allocated: the form is the full system.
     class(full_system_type), intent(in), optional :: full
     !> Amplitudes in natural units and the frame.
     complex(wp), intent(in) :: a(:)
     type(defect_type), intent(out) :: defect
-    !> Waves this near to a mode, in parts of its frequency, are in g; else by the tolerance.
+    !> Relative distance from a mode within which waves belong to g; default: the tolerance.
     real(wp), intent(in), optional :: band
     !> As in `find_angles`.
     real(wp), intent(in), optional :: turns(:)
@@ -127,7 +127,7 @@ contains
     end do
   end subroutine add_waves
 
-  !> Of equations without kernel the whole residual; of the others what memory acts on.
+  !> Without a kernel: the whole residual of the equation; with a kernel: the terms it acts on.
   subroutine evaluate_sides(scales, full, y, load, e)
     type(multiple_scales_type), intent(in) :: scales
     class(full_system_type), intent(in), optional :: full
@@ -173,7 +173,7 @@ contains
     end associate
   end subroutine evaluate_sides
 
-  !> First and second derivative of what memory acts on, to the third degree.
+  !> First and second derivative of the terms that memory acts on, up to the third degree.
   subroutine slow_sides(scales, y, w)
     type(multiple_scales_type), intent(in) :: scales
     real(wp), intent(in), contiguous :: y(:, :, 0:)
@@ -183,7 +183,7 @@ contains
 
     associate (form => scales%form)
       do k = 1, size(y, 1)
-        ! Memory acts on terms of the unknowns themselves.
+        ! Memory acts on terms of the unknowns, not of their derivatives.
         do d = 0, 2
           x(:, d) = y(k, form%source, d)
         end do
@@ -199,7 +199,7 @@ contains
     end associate
   end subroutine slow_sides
 
-  !> One round: what answers the waves of the residual, on top of U; g as a whole.
+  !> One pass: add the response to the waves of the residual to U; compute g.
   subroutine answer_waves(scales, angles, step, orders, y, e, w, rates_only, defect, band)
     type(multiple_scales_type), intent(in) :: scales
     type(angles_type), intent(in) :: angles
@@ -217,7 +217,7 @@ contains
 
     points = size(y, 1)
     root = [(exp(cmplx(0.0_wp, -two_pi*k/points, wp)), k=0, points - 1)]/points
-    ! The mean of a kernel without integral is taken where it exists.
+    ! A kernel without an integral: the transform at a small s replaces that at 0.
     slowest = 0.0_wp
     if (scales%form%has_memory()) slowest = 1.0e-6_wp*maxval(abs(scales%flow%s))
     whole = scales%flow%frame
@@ -231,9 +231,9 @@ contains
       s = cmplx(0.0_wp, max(defect%frequency(i), slowest), wp)
       call scales%normal%answer(scales%form, s, -waves, acts, u, rates, singular)
       defect%rates(:, i) = rates(:scales%flow%n_modes)
-      ! A stiffness that vanishes: no finite motion answers.
+      ! The stiffness vanishes: there is no finite response.
       if (singular .and. any(abs(waves) > 0.0_wp)) defect%known = .false.
-      ! The mean has no conjugate beside it.
+      ! The mean is real: it is not doubled by a conjugate.
       if (all(orders(:, i) == 0)) u = 0.5_wp*u
       defect%u(:, i) = defect%u(:, i) + u
     end do

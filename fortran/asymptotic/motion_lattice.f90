@@ -1,6 +1,6 @@
 !> The motion of third order as a function of the angles of its generators, at the points of a
-!! lattice over them: amplitudes kept, each generator turns with its own angle. Derivatives in
-!! time by the modulation equations.
+!! lattice: the moduli of the generators are constant, and each angle is a free variable. Time
+!! derivatives follow from the modulation equations.
 module viscovib_motion_lattice
   use viscovib_kinds, only: wp
   use viscovib_multiple_scales, only: multiple_scales_type
@@ -11,14 +11,14 @@ module viscovib_motion_lattice
 
   integer, parameter, public :: max_angles = 6, highest_order = 4
   !> Points k (1, g, g^2, ...)/n turns, k = 0, ..., n - 1, for each number of angles: the fewest
-  !! for which waves of orders |h| <= 4 are told apart (those of 1 from all up to 7), by search.
+  !! that distinguish waves of orders |h| <= 4 (those of order 1 from all up to 7), by search.
   integer, parameter :: lattice_points(0:max_angles) = [1, 20, 41, 147, 435, 1023, 2285], &
                         lattice_steps(0:max_angles) = [1, 1, 9, 19, 41, 29, 787]
   real(wp), parameter :: two_pi = 6.283185307179586_wp, same = 1.0e-9_wp
 
-  !> Angles of the generators: their number, the frequencies of the frame and those with which the
-  !! generators turn as a whole, growth of what turns with them, and whose they are; 0: does not
-  !! turn.
+  !> Angles of the generators: their number, the frequencies of the frame, the total frequencies of
+  !! the generators, the growth of these generators, and the mode or load of each angle; 0: the
+  !! generator has no angle.
   type :: angles_type
     integer :: n = 0
     real(wp) :: frequency(12) = 0.0_wp, whole(12) = 0.0_wp, growth(12) = 0.0_wp
@@ -27,7 +27,7 @@ module viscovib_motion_lattice
 
 contains
 
-  !> Points, and how far each angle steps from one to the next, in parts 1/points of a turn.
+  !> Number of points, and the increments of the angles between points, in units of 2 pi/points.
   pure subroutine lattice_of(n_angles, points, step)
     integer, intent(in) :: n_angles
     integer, intent(out) :: points, step(max_angles)
@@ -39,12 +39,12 @@ contains
     end do
   end subroutine lattice_of
 
-  !> A load that turns with a mode shares its angle, and all that have one frequency do.
+  !> A load at the frequency of a mode shares its angle; loads of equal frequency share one.
   subroutine find_angles(scales, a, angles, turns)
     type(multiple_scales_type), intent(in) :: scales
     complex(wp), intent(in) :: a(:)
     type(angles_type), intent(out) :: angles
-    !> With what the amplitudes turn in their frame, on the whole; default 0.
+    !> Mean frequencies of the amplitudes in their frame; default 0.
     real(wp), intent(in), optional :: turns(:)
     integer :: j, k
 
@@ -63,7 +63,7 @@ contains
       angles%whole = angles%frequency
       if (.not. present(turns)) return
       do j = 1, size(a)
-        ! What shares its angle follows the load or the mode it shares it with.
+        ! A shared angle has the frequency of that load or mode.
         if (angles%of_mode(j) == 0 .or. any(angles%of_load == angles%of_mode(j)) &
             .or. count(angles%of_mode == angles%of_mode(j)) > 1) cycle
         angles%whole(angles%of_mode(j)) = frame(j) + turns(j)
@@ -142,8 +142,8 @@ contains
 
   contains
 
-    !> Products that are there at all, of modes that move: of each and its conjugate, which adds the
-    !! same real part, the first. With how often it counts.
+    !> Products with coefficients other than 0, of modes that move. Of a product and its conjugate,
+    !! which adds the same real part, only the first is listed, with its weight.
     subroutine find_worthwhile(u, factors, which, times)
       complex(wp), intent(in) :: u(:, :)
       integer, intent(in) :: factors(:, :)
@@ -206,7 +206,7 @@ contains
       if (angles%of_mode(j) > 0) g(0, j) = a(j)*turn(angles%of_mode(j))
     end do
     g(:, n + 1:m) = wave(:, scales%normal%hard)
-    ! Each derivative from the one before.
+    ! Each derivative follows from the one of lower order.
     do d = 1, 2
       g(d, :n) = scales%flow%s*g(d - 1, :n)
       do i = 1, size(scales%flow%terms)
@@ -229,7 +229,7 @@ contains
     g(:, m + 1:) = conjg(g(:, :m))
   end subroutine generators_at
 
-  !> One more factor of a product and of its first derivative.
+  !> Multiply a product and its first derivative by another factor.
   pure subroutine multiply(value, slope, f, f_slope)
     complex(wp), intent(inout) :: value, slope
     complex(wp), intent(in) :: f, f_slope
@@ -237,14 +237,14 @@ contains
     value = value*f
   end subroutine multiply
 
-  !> h with |h| <= 4, of each pair h, -h one.
+  !> h with |h| <= 4, one of each pair h, -h.
   subroutine list_orders(m, orders)
     integer, intent(in) :: m
     integer, allocatable, intent(out) :: orders(:, :)
     integer :: h(max_angles), n, pass
 
     h = 0
-    ! Counted first.
+    ! Count first.
     do pass = 1, 2
       n = 0
       call place(1, highest_order)
@@ -262,7 +262,7 @@ contains
         return
       end if
       do value = -left, left
-        ! The first that is not 0 is positive.
+        ! The first entry other than 0 is positive.
         if (value < 0 .and. all(h(:i - 1) == 0)) cycle
         h(i) = value
         call place(i + 1, left - abs(value))

@@ -1,10 +1,10 @@
 !> A system by the method of multiple scales: its normal form and modulation equations,
-!! and what follows from them without solving anything.
+!! and results that need no solution of equations.
 !!
-!! Everything inside is in natural units (`viscovib_natural_units`): amplitudes a_j multiply
+!! All components are in natural units (`viscovib_natural_units`): amplitudes a_j multiply
 !! shapes whose largest entry is 1 there. Callers' amplitudes multiply shapes whose largest
-!! coordinate is 1 in their own units: a_j times `amplitude_units`. Constant loads are no part of
-!! the expansion: it is about the position of rest that they give.
+!! coordinate is 1 in their own units: a_j times `amplitude_units`. The expansion is about the
+!! equilibrium under the constant loads.
 module viscovib_multiple_scales
   use viscovib_kinds, only: wp
   use viscovib_natural_units, only: to_natural_units
@@ -29,11 +29,11 @@ module viscovib_multiple_scales
     !! shape (n_modes).
     real(wp), allocatable :: rows(:), columns(:)
     complex(wp), allocatable :: amplitude_units(:)
-    !> What motions of unlike unknowns are compared in, shape (n): a length, an angle, ...
+    !> Scales for the comparison of different kinds of unknowns, shape (n): a length, an angle, ...
     real(wp), allocatable :: units(:)
-    !> Where the system rests under constant loads, in the caller's units, shape (n).
+    !> Equilibrium under constant loads, in the caller's units, shape (n).
     real(wp), allocatable :: rest(:)
-    !> Amplitudes of the loads over those that the full system behind the form holds,
+    !> Amplitudes of the loads divided by those of the full system that the form approximates,
     !! shape (n_loads).
     real(wp), allocatable :: load_factor(:)
   contains
@@ -73,7 +73,7 @@ contains
     end do
   end subroutine new_multiple_scales
 
-  !> How far the modes are shifted by what is nonlinear, loads that turn left out; and the modes.
+  !> Shifts of the modes by nonlinear terms, without oscillating loads; and the modes.
   subroutine reach_of(form, reach, status)
     !> In the caller's units.
     type(polynomial_form_type), intent(in) :: form

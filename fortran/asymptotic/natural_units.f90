@@ -1,14 +1,14 @@
 !> A polynomial form in units of its own modes, so that thresholds, pivots and norms compare
-!! like with like whatever units its caller measures in.
+!! quantities of the same kind and do not depend on the caller's units.
 !!
 !! Unknown d is measured in C_d = sqrt(sum_j |r_dj|^2/|l_j A_2 r_j|), r_j and l_j the vectors of
 !! the modes without damping and memory: for mass-normalised shapes of coordinates this is
 !! sqrt((M^-1)_dd), a length for a length, an angle for an angle and, of hereditary variables,
-!! a force for a force. They follow the caller's units, so that what is compared is the same in all
-!! of them: by powers of two the ratio of two amplitudes would depend on the units, and with it
-!! what counts as resonant. C is rounded to few digits: coordinates that are alike get the same.
+!! a force for a force. They scale with the caller's units, so that comparisons do not depend on
+!! these. With powers of two, the ratio of two amplitudes would depend on the units, and so would
+!! the choice of resonant terms. C is rounded to few digits: similar coordinates get equal units.
 !! Equations are divided by their largest linear term at the highest natural frequency, by powers
-!! of two: nothing is compared between them.
+!! of two, since no comparison is made between equations.
 module viscovib_natural_units
   use viscovib_kinds, only: wp
   use viscovib_polynomial_form, only: polynomial_form_type
@@ -78,7 +78,7 @@ contains
       mass = abs(sum(form%left(:, j)*matmul(form%linear(:, :, 2), form%right(:, j))))
       if (mass > 0.0_wp) units = hypot(units, form%right(:, j)/sqrt(mass))
     end do
-    ! What no mode moves has no unit of its own.
+    ! An unknown that no mode moves has no natural unit.
     where (.not. units > 0.0_wp) units = 1.0_wp
   end function units_of_unknowns
 

@@ -7,27 +7,28 @@
 !!   y = sum_a r_a Y_a + sum_ab U_ab Y_a Y_b + sum_abc U_abc Y_a Y_b Y_c,
 !!   Y_j' = s_j Y_j + sum_ab g_j,ab Y_a Y_b + sum_abc g_j,abc Y_a Y_b Y_c + sum_k g_jk exp(i p_k t).
 !!
-!! A product M of generators has the exponent s_M, the sum of theirs. Put into the
-!! equations of `viscovib_polynomial_form`, each product gives a linear equation
+!! A product M of generators has the exponent s_M, the sum of their exponents. Substitution into
+!! the equations of `viscovib_polynomial_form` gives a linear equation for each product,
 !!
 !!   L(s_M) U_M + sum_j g_jM L[s_M, s_j] r_j = R_M,      l_j L[s_M, s_j] U_M = 0,
 !!
-!! j over the modes that resonate with M; L[s, t] is the divided difference. R_M is the load, or
-!! what lower orders put in: -N_2, -2 N_2 and -N_3, and what slow changes of second order do to
-!! products of second order. Damping and memory are in s_j and L: their linear effects are exact.
+!! where j runs over the modes that resonate with M; L[s, t] is the divided difference. R_M is the
+!! load or the contribution of lower orders: -N_2, -2 N_2 and -N_3, and the effect of slow changes
+!! of second order on products of second order. Damping and memory are contained in s_j and L:
+!! their linear effects are exact.
 !!
-!! What resonates is chosen by what each term does (`viscovib_resonance_choice`), or, with a
-!! tolerance, by frequencies that differ by less than this part of the highest of them.
+!! Resonant terms are selected by their effect (`viscovib_resonance_choice`) or, with a tolerance,
+!! by frequencies that differ by less than this fraction of the highest of them.
 !!
-!! Three kinds of exponents. Of free motion: decay included. Where a load keeps a mode moving:
-!! i times the frequencies. Of steady motion in a frame W: i W_j, exact since the amplitudes
-!! stand still there; for the same reason nothing changes slowly then. A load that resonates with
-!! a mode puts g_jk into its change and the rest u_k of its wave into y; u_k is a factor of
-!! products where it is not small against the mode's own motion.
+!! There are three kinds of exponents. Free motion: with decay. A mode that a load keeps in motion:
+!! i times the frequencies. Steady motion in a frame W: i W_j. This is exact since the amplitudes
+!! are constant there; for the same reason there are no slow changes. A load that resonates with a
+!! mode contributes g_jk to its rate of change and the rest u_k of its wave to y; u_k is a factor
+!! of products if it is not small compared with the motion of the mode.
 !!
 !! Sources: Nayfeh, Introduction to perturbation techniques, 1981, chapters 7, 15 (scales);
 !! Touze, Vizzaccaro, Thomas, Nonlinear Dyn. 105 (2021) 1141, equations (44)-(60) (normal forms
-!! with the same bordered equations). One time scale a degree here gives Nayfeh's equations.
+!! with the same bordered equations). With one time scale for each degree these are Nayfeh's.
 module viscovib_normal_form
   use viscovib_frame_choice, only: frame_choice_type, new_frame_choice
   use viscovib_kinds, only: wp
@@ -44,9 +45,9 @@ module viscovib_normal_form
   public :: new_normal_form
 
   integer, parameter, public :: max_loads = 6
-  !> In place of a tolerance: choose by what the terms do.
+  !> Instead of a tolerance: select resonant terms by their effect.
   real(wp), parameter, public :: by_influence = -huge(1.0_wp)
-  !> u_k is a factor of products from this part of the mode's motion on.
+  !> u_k is a factor of products if it exceeds this fraction of the mode's motion.
   real(wp), parameter :: least_rest = 0.1_wp
 
 contains
@@ -56,12 +57,12 @@ contains
     type(polynomial_form_type), intent(in) :: form
     !> In [0, 1), or `by_influence`.
     real(wp), intent(in) :: tolerance
-    !> Take steady motion for granted, even if no load is near a mode.
+    !> Assume steady motion, even if no load is near a mode.
     logical, intent(in) :: steady
     type(status_type), intent(out) :: status
     !> With `by_influence`: choose for steady motion in one frame.
     type(reach_type), intent(in), optional :: reach
-    !> With `by_influence`: amplitudes to expect, shape (n_modes); what loads do by themselves is
+    !> With `by_influence`: expected amplitudes, shape (n_modes); the response to loads alone is
     !! added to them.
     real(wp), intent(in), optional :: sizes(:)
     type(frame_choice_type) :: choice
@@ -147,7 +148,7 @@ contains
     normal%size_triple = abs(normal%u_triple(:form%n_dof, :))
   end subroutine new_normal_form
 
-  !> True if the modes are among what is given.
+  !> True if the modes are given.
   pure logical function has_modes(reach)
     type(reach_type), intent(in), optional :: reach
     has_modes = .false.
@@ -195,7 +196,7 @@ contains
 
   contains
 
-    !> u_k against the linear motion of the modes that the load drives.
+    !> u_k relative to the linear motion of the modes that the load drives.
     logical function rest_matters(k)
       integer, intent(in) :: k
       real(wp) :: own

@@ -1,5 +1,5 @@
-!> Second and third order of a normal form: the right sides of its products and what answers them,
-!! as in `viscovib_normal_form`.
+!> Second and third order of a normal form: the right sides of its products and the responses to
+!! them, as in `viscovib_normal_form`.
 module viscovib_normal_orders
   use viscovib_kinds, only: wp
   use viscovib_normal_products, only: normal_form_type
@@ -10,7 +10,7 @@ module viscovib_normal_orders
 
   public :: second_sides, second_order, third_sides, third_order
 
-  !> Nearer than this part of its exponent the linear part of an undamped mode answers nothing.
+  !> Relative distance to an undamped mode's exponent below which the linear part is singular.
   real(wp), parameter :: singular_within = 1.0e-9_wp
 
 contains
@@ -83,7 +83,7 @@ contains
                           self%u_pair(:, i), self%g_pair(:, i), status)
       if (status%failed()) return
       self%x_pair(:, i) = form%arguments_at(self%s_pair(i), self%u_pair(:, i))
-      ! In a frame amplitudes stand still.
+      ! In a frame amplitudes are constant.
       if (self%framed) cycle
       do j = 1, g
         if (.not. abs(self%g_pair(j, i)) > 0.0_wp) cycle
@@ -163,25 +163,25 @@ contains
     end do
   end subroutine third_order
 
-  !> One product: what answers its side, and whether nothing can.
+  !> The response to the right side of one product, and whether the equations are singular.
   subroutine answer_product(self, form, s, factors, side, chosen, u, g, status)
     class(normal_form_type), intent(in) :: self
     type(polynomial_form_type), intent(in) :: form
     complex(wp), intent(in) :: s, side(:)
     integer, intent(in) :: factors(:)
-    !> Modes and conjugates chosen to resonate.
+    !> Modes and conjugates selected as resonant.
     logical, intent(in) :: chosen(:)
     complex(wp), intent(out) :: u(:), g(:)
     type(status_type), intent(out) :: status
     logical :: singular
     call set_ok(status)
     call self%answer(form, s, side, chosen .or. near_product(self, s, factors), u, g, singular)
-    ! Without a place in the frame no change can be kept.
+    ! A term that is not constant in the frame contributes no change.
     if (self%framed) where (.not. chosen) g = (0.0_wp, 0.0_wp)
     if (singular) call no_stiffness(s, status)
   end subroutine answer_product
 
-  !> By the tolerance; in a frame only what the linear part alone could not answer.
+  !> By the tolerance; in a frame only products for which the linear part alone is singular.
   pure function near_product(self, s, factors) result(acts)
     class(normal_form_type), intent(in) :: self
     complex(wp), intent(in) :: s
@@ -198,7 +198,7 @@ contains
     end do
   end function near_product
 
-  !> What changes of second order do: Y_p Y_q changes by g_p,Q Y_q Y_Q, so that product T = q Q
+  !> Effect of changes of second order: Y_p Y_q changes by g_p,Q Y_q Y_Q, so that product T = q Q
   !! gets L[s_T, s_pq] U_pq, with memory (1 - R)[s_T, s_pq] N_2,pq and, where Y_p Y_q is itself
   !! in the change of a mode j, L[s_T, s_pq, s_j] r_j g_j,pq.
   subroutine slow_changes(self, form, i, load)
@@ -241,13 +241,13 @@ contains
               //'frequency '//show(aimag(s))//', which is no resonance of a mode')
   end subroutine no_stiffness
 
-  !> The t(q) that stood before is left out: each factor once.
+  !> True if t(q) occurred before: each factor is used once.
   pure logical function repeated(t, q)
     integer, intent(in) :: t(3), q
     repeated = any(t(:q - 1) == t(q))
   end function repeated
 
-  !> In how many orders the factors can be written.
+  !> Number of permutations of the factors.
   pure real(wp) function arrangements(t)
     integer, intent(in) :: t(3)
     arrangements = 6.0_wp

@@ -1,6 +1,6 @@
-!> What a normal form consists of: generators, their products, and what answers a product.
+!> Components of a normal form: generators, their products, and the response to a product.
 !!
-!! As in `viscovib_normal_form`, which makes it.
+!! See `viscovib_normal_form`, which builds it.
 module viscovib_normal_products
   use viscovib_dense, only: solve_complex
   use viscovib_kinds, only: wp
@@ -14,33 +14,33 @@ module viscovib_normal_products
 
   integer, parameter, public :: max_modes = 6
 
-  !> How far modes can be shifted: the change of exponent of each, over the square of its
-  !! amplitude (terms of third order) and over amplitudes (second), shape (n_modes).
+  !> Possible shifts of modes: the change of the exponent of each, divided by the square of its
+  !! amplitude (terms of third order) and by amplitudes (second order), shape (n_modes).
   type :: reach_type
     real(wp), allocatable :: cubic(:), quadratic(:)
-    !> Exponents and vectors of the modes, as of `find_modes`: loads that turn do not change them.
+    !> Exponents and vectors of `find_modes`: oscillating loads do not change them.
     complex(wp), allocatable :: s(:), right(:, :), left(:, :)
-    !> Take terms far from the modes too, for what they make grow.
+    !> Include terms far from the modes, for the growth that they cause.
     logical :: with_far = .false.
   end type reach_type
 
   type :: normal_form_type
     integer :: n_modes = 0, n_generators = 0
-    !> Frequencies nearer than this part of the highest of them count as resonant, where that is
-    !! not chosen.
+    !> Frequencies that differ by less than this fraction of the highest of them are resonant,
+    !! unless resonant terms are selected by influence.
     real(wp) :: tolerance = 0.0_wp
     !> Loads whose waves are factors of products (generators n_modes + 1, ...), the others, and
     !! those that are in the modes' changes.
     integer, allocatable :: hard(:), weak(:), direct(:)
-    !> Products are those of steady motion; and in a frame chosen for it.
+    !> Products are those of steady motion; the same in a selected frame.
     logical :: steady = .false., framed = .false.
     !> As of `reach_type`.
     logical :: with_far = .false.
-    !> What resonates is chosen by influence.
+    !> Resonant terms are selected by influence.
     logical :: choosing = .false.
     !> That frame, or the natural frequencies.
     real(wp), allocatable :: frame(:)
-    !> Terms near a mode, chosen or not; with loads by themselves, products of none, first.
+    !> Terms near a mode, selected or not; loads alone (no products) come first.
     type(candidate_type), allocatable :: candidates(:)
     !> Generator a + n_generators is the conjugate of a. Exponents of the linear flow and
     !! of products, shape (2 n_generators); vectors, shape (n, 2 n_generators).
@@ -50,7 +50,7 @@ module viscovib_normal_products
     integer, allocatable :: pair(:, :), triple(:, :)
     complex(wp), allocatable :: s_pair(:), s_triple(:)
     complex(wp), allocatable :: u_pair(:, :), u_triple(:, :), g_pair(:, :), g_triple(:, :)
-    !> Products that y has at all.
+    !> Products whose coefficient in y is not 0.
     integer, allocatable :: used_pairs(:), used_triples(:)
     !> Moduli of the coefficients of the coordinates.
     real(wp), allocatable :: size_one(:, :), size_pair(:, :), size_triple(:, :)
@@ -95,17 +95,17 @@ contains
     near = modulo(a - 1, self%n_generators) < self%n_modes
     if (.not. near) return
     associate (own => aimag(self%s(a)))
-      ! Never so far that a mode and its conjugate were near at once.
+      ! The limit excludes that a mode and its conjugate are near at the same time.
       near = abs(aimag(s) - own) <= min(max(self%tolerance, 1.0e-10_wp)*max(highest, abs(own)), &
                                         0.5_wp*abs(own))
     end associate
   end function near
 
-  !> The same of all modes and conjugates for a wave that turns at this frequency, whichever
-  !! turn with it in the frame included.
+  !> The same for all modes and conjugates and a wave of this frequency, including those that have
+  !! the same frequency in the frame.
   pure function near_modes(self, frequency, frame, band) result(acts)
     class(normal_form_type), intent(in) :: self
-    !> Of the wave; and those with which the modes turn.
+    !> Of the wave; and of the modes.
     real(wp), intent(in) :: frequency, frame(:)
     !> Instead of the tolerance, in parts of the mode's own frequency.
     real(wp), intent(in), optional :: band
@@ -151,7 +151,7 @@ contains
                                         self%right(:, j)))
   end function weight
 
-  !> Exponents of generators and products, in the frame there is.
+  !> Exponents of generators and products in the present frame.
   subroutine set_exponents(self)
     class(normal_form_type), intent(inout) :: self
     integer :: n, m
@@ -168,7 +168,7 @@ contains
                     + self%s(self%triple(3, :))
   end subroutine set_exponents
 
-  !> All products of two and three generators, and where to find them.
+  !> All products of two and three generators, and their indices.
   subroutine number_products(normal)
     class(normal_form_type), intent(inout) :: normal
     integer :: g, a, b, c, n
@@ -240,7 +240,7 @@ contains
     end do
   end subroutine answer
 
-  !> What load k at frequency p does to first order: its share of y and of the changes of
+  !> First-order effect of load k at frequency p: its contribution to y and to the changes of
   !! the modes it resonates with.
   subroutine answer_load(self, form, k, p, u, g, status)
     class(normal_form_type), intent(in) :: self

@@ -1,4 +1,4 @@
-!> A polynomial form as one vector of numbers, as callers in other languages keep it.
+!> A polynomial form as one vector of numbers, for callers in other languages.
 !!
 !! n, n_dof, n_arguments, n_modes, n_loads, n_quadratic, n_cubic, memory_scale, then source,
 !! derivative, kernel_of, A_0..A_2, H, quadratic terms (row, i, j, coefficient each), cubic
@@ -44,7 +44,7 @@ contains
               reshape(form%right, [size(form%right)]), reshape(form%left, [size(form%left)])]
   end subroutine pack_form
 
-  !> Kernels are given apart, since they are more than numbers.
+  !> Kernels are separate arguments, since a vector of numbers does not represent them.
   subroutine unpack_form(packed, kernels, form, status)
     real(wp), intent(in) :: packed(:)
     type(kernel_holder), intent(in) :: kernels(:)

@@ -1,14 +1,14 @@
-!> What counts as resonant, by what a term does.
+!> Selection of resonant terms by their effect.
 !!
 !! A product M of generators whose frequency is near that of mode j adds c M to the change of Y_j,
-!! c = l_j R_M/(l_j L[s_M, s_j] r_j), or, left out there, the wave c M/(s_M - s_j) to Y_j. That is
-!! a small change of variables as long as its slope by each amplitude is small,
+!! c = l_j R_M/(l_j L[s_M, s_j] r_j), or, if omitted there, the wave c M/(s_M - s_j) to Y_j. This
+!! is a small change of variables as long as its derivative by each amplitude is small,
 !!
 !!   influence = max_f |c| |dM/dY_f|/|s_M - s_j|,
 !!
-!! f over the modes among the factors. With one that is at rest, and waves of loads, this is what
-!! parametric excitation does to it, which grows from rest once |c dM/dY_f| > |s_M - s_j|/2, at an
-!! influence of 1/2. Products of loads alone are compared with the motion.
+!! where f runs over the modes among the factors. For a mode at rest and waves of loads this is
+!! parametric excitation: the mode grows from rest if |c dM/dY_f| > |s_M - s_j|/2, that is, from an
+!! influence of 1/2 on. Products of loads alone are compared with the motion.
 module viscovib_resonance_choice
   use viscovib_kinds, only: wp
   implicit none
@@ -16,12 +16,12 @@ module viscovib_resonance_choice
 
   public :: candidate_type, influence
 
-  !> From here on a term is resonant; below, what its wave leaves over goes with the square.
+  !> Influence from which a term is resonant; below it the error of its wave is of second order.
   real(wp), parameter, public :: least_influence = 0.05_wp
-  !> Terms farther from a mode than this part of its frequency are no part of the modulation
-  !! equations, but may make modes at rest grow: looked at from half of where that begins.
+  !> Terms farther from a mode than this fraction of its frequency are not part of the modulation
+  !! equations, but may make modes at rest grow: examined from half of this threshold on.
   real(wp), parameter, public :: far = 0.5_wp, least_of_far = 0.25_wp
-  !> Where no amplitudes are known: this part of the highest frequency.
+  !> If no amplitudes are known: this fraction of the highest frequency.
   real(wp), parameter, public :: default_band = 0.05_wp
 
   type :: candidate_type
@@ -30,15 +30,15 @@ module viscovib_resonance_choice
     real(wp) :: coupling = 0.0_wp, divisor = 0.0_wp
     !> Farther than `far`.
     logical :: is_far = .false.
-    !> In the modulation equations; wanted there, but with no place in their frame.
+    !> Part of the modulation equations; resonant, but not compatible with their frame.
     logical :: taken = .false., turned_away = .false.
-    !> Without a place in the frame though loads and the mode alone may sustain a motion by it.
+    !> Not compatible with the frame, although loads and this mode alone may sustain a motion.
     logical :: lost = .false.
   end type candidate_type
 
 contains
 
-  !> As above for generators of these sizes, the first n_modes of each half modes.
+  !> Influence for generators of these sizes; the first n_modes of each half are modes.
   pure real(wp) function influence(candidate, sizes, n_modes, reference)
     type(candidate_type), intent(in) :: candidate
     !> Shape (n_generators).

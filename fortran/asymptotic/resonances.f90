@@ -1,11 +1,11 @@
-!> The conditions of resonance up to third order among natural frequencies w_j and those of
-!! loads p_k, enumerated.
+!> Enumeration of the conditions of resonance up to third order among natural frequencies w_j
+!! and load frequencies p_k.
 !!
 !! In the method a product of one to three generators, each with its frequency or the
-!! opposite, resonates with mode j when sum = w_j. Conditions that hold whatever the
-!! frequencies are (w_j = w_j + w_k - w_k) are no conditions; sign changes, and what
-!! moves from one side to the other, give the same one. What is left are integer vectors
-!! c, the first entry that is not 0 positive, with sum_i c_i f_i = 0: at least one mode in it,
+!! opposite, resonates with mode j if sum = w_j. Conditions that hold for all frequencies
+!! (w_j = w_j + w_k - w_k) are omitted. A change of sign or of sides gives the same
+!! condition. The results are integer vectors c with sum_i c_i f_i = 0 whose first entry other
+!! than 0 is positive. They contain at least one mode, and
 !! |c_1| + |c_2| + ... = 2 (loads near modes, modes near each other), 3 or 4; as a condition
 !! on a mode, of order 1, 2 or 3.
 module viscovib_resonances
@@ -19,7 +19,7 @@ module viscovib_resonances
 
 contains
 
-  !> Of order n - 1: n frequencies, repetitions counted. A single frequency is no condition.
+  !> Order n - 1: n frequencies, with repetitions. A single frequency gives no condition.
   subroutine list_resonances(natural, drives, coefficients, orders, divisors, n)
     !> Circular frequencies, all > 0.
     real(wp), intent(in) :: natural(:), drives(:)
@@ -27,7 +27,7 @@ contains
     integer, intent(out) :: coefficients(:, :), orders(:)
     !> |sum c_i f_i|/max(f_i with c_i /= 0).
     real(wp), intent(out) :: divisors(:)
-    !> How many there are; those beyond the room are counted only.
+    !> Number of conditions, including those that do not fit into the arrays.
     integer, intent(out) :: n
     real(wp) :: frequencies(size(natural) + size(drives))
     integer :: c(size(natural) + size(drives)), total
@@ -44,7 +44,7 @@ contains
 
   contains
 
-    !> Give the entries from i on what is left of the sum of moduli.
+    !> Distribute the rest of the sum of moduli over the entries from i on.
     recursive subroutine place(i, left)
       integer, intent(in) :: i, left
       integer :: value
@@ -53,7 +53,7 @@ contains
         return
       end if
       do value = -left, left
-        ! The first that is not 0 is positive.
+        ! The first entry other than 0 is positive.
         if (value < 0 .and. all(c(:i - 1) == 0)) cycle
         c(i) = value
         call place(i + 1, left - abs(value))
@@ -65,7 +65,7 @@ contains
       logical :: used(size(c))
       used = c /= 0
       if (.not. any(used(:size(natural)))) return
-      ! All of one sign is never 0; twice a condition is no other.
+      ! A sum of entries of one sign is never 0; multiples of a condition are omitted.
       if (all(c >= 0) .or. all(modulo(c, 2) == 0)) return
       n = n + 1
       if (n > size(orders)) return

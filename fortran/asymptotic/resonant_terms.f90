@@ -1,5 +1,5 @@
-!> Which loads and products go into the modulation equations of a normal form, by what they do
-!! (`viscovib_resonance_choice`) or by a tolerance.
+!> Selection of the loads and products in the modulation equations of a normal form, by their
+!! effect (`viscovib_resonance_choice`) or by a tolerance.
 module viscovib_resonant_terms
   use viscovib_frame_choice, only: frame_choice_type
   use viscovib_kinds, only: wp
@@ -13,16 +13,16 @@ module viscovib_resonant_terms
 
   public :: choose_loads, choose_products, far_influence, first_size, left_out, wants_more
 
-  !> A load farther than this part of a mode's frequency from it never counts as resonant.
+  !> Relative distance from a mode's frequency beyond which a load is never resonant.
   real(wp), parameter :: farthest_load = 0.3_wp
-  !> Stands for amplitudes that nothing limits.
+  !> Represents amplitudes without a limit.
   real(wp), parameter :: boundless = 1.0e50_wp
 
 contains
 
-  !> Which loads are in the changes of which modes, and their waves. In a frame: those near
-  !! enough for the mode to be shifted to them, or to be shifted by them; the amplitudes they
-  !! give rise to are put into `expected`.
+  !> Loads in the rates of change of each mode, and their waves. In a frame: loads that are so
+  !! near that the mode can be shifted to them, or that they shift the mode; the amplitudes that
+  !! they cause are added to `expected`.
   subroutine choose_loads(self, form, choice, expected, status, reach)
     class(normal_form_type), intent(inout) :: self
     type(polynomial_form_type), intent(in) :: form
@@ -69,7 +69,7 @@ contains
         end if
       end do
     end do
-    ! The nearest first.
+    ! Begin with the nearest.
     do while (any(candidate))
       at = minloc(distance/spread(aimag(self%exponents(:self%n_modes)), 2, size(form%drives)), &
                   mask=candidate)
@@ -80,7 +80,7 @@ contains
 
   contains
 
-    !> Whether the mode's own terms can bridge the distance, or a part of it that matters.
+    !> True if the mode's own terms can shift it by the distance, or by a considerable part of it.
     pure logical function moves_far(reach, j, k)
       type(reach_type), intent(in) :: reach
       integer, intent(in) :: j, k
@@ -88,7 +88,7 @@ contains
       most = farthest_load*aimag(self%exponents(j))
       moves_far = distance(j, k) <= default_band*form%drives(k)
       if (moves_far) return
-      ! At the peak, the decay is all that holds the amplitude.
+      ! At the peak only the decay limits the amplitude.
       peak = strength(j, k)/max(abs(real(self%exponents(j))), tiny(1.0_wp))
       moves_far = min(most, shift(reach, j, peak)) > least_influence*distance(j, k) .and. &
                   shift(reach, j, peak) > 0.5_wp*distance(j, k)
@@ -106,7 +106,7 @@ contains
     shift = reach%cubic(j)*b**2 + reach%quadratic(j)*b
   end function shift
 
-  !> Amplitude under a load of this strength: no larger than what its own terms allow.
+  !> Amplitude under a load of this strength, limited by the mode's own terms.
   pure real(wp) function limited(reach, j, linear, strength) result(a)
     type(reach_type), intent(in) :: reach
     integer, intent(in) :: j
@@ -116,8 +116,8 @@ contains
     if (reach%quadratic(j) > 0.0_wp) a = min(a, sqrt(strength/reach%quadratic(j)))
   end function limited
 
-  !> Candidates of this order, the largest influence first: what stands still in the frame with
-  !! those before is taken. Without a frame all are, those within the tolerance as well.
+  !> Candidates of this order, the largest influence first: terms that are constant in the frame
+  !! of those before are accepted. Without a frame, or within the tolerance, all are accepted.
   subroutine choose_products(self, form, order, sides, expected, choice, reach)
     class(normal_form_type), intent(inout) :: self
     type(polynomial_form_type), intent(in) :: form
@@ -149,7 +149,7 @@ contains
       do i = 1, size(found)
         call net_of(self, found(i), powers, drive, n_loads)
         powers(found(i)%mode) = powers(found(i)%mode) - 1
-        ! What shifts the mode's own exponent needs no place.
+        ! A shift of the mode's own exponent is constant in every frame.
         found(i)%taken = all(powers == 0) .and. .not. abs(drive) > 0.0_wp
         waits(i) = .not. found(i)%taken .and. does(i) >= least_influence
         if (n_loads > 0 .and. .not. (found(i)%taken .or. waits(i) .or. found(i)%is_far)) then
@@ -227,7 +227,7 @@ contains
     sustains = c%coupling*a**(n_own - 1) >= decay
   end function sustains
 
-  !> Amplitude at which mode j is shifted by this, 0: there is none.
+  !> Amplitude at which mode j has this shift, 0: there is none.
   pure real(wp) function amplitude_of_shift(reach, j, wanted) result(a)
     type(reach_type), intent(in) :: reach
     integer, intent(in) :: j
@@ -238,7 +238,7 @@ contains
     if (slope > 0.0_wp) a = 2.0_wp*wanted/slope
   end function amplitude_of_shift
 
-  !> Products of this order not too far from a mode, with what they do.
+  !> Products of this order that are not too far from a mode, with their effect.
   subroutine list_candidates(self, form, order, sides, found)
     class(normal_form_type), intent(in) :: self
     type(polynomial_form_type), intent(in) :: form
@@ -277,9 +277,9 @@ contains
 
   contains
 
-    !> In parts of the mode's frequency. Of motion that loads keep up a factor that is the
-    !! conjugate of a mode makes modes at rest grow, under large motions far from where frequencies
-    !! meet: almost to where the product does not turn.
+    !> Relative to the mode's frequency. In motions under loads, a product with the conjugate of a
+    !! mode makes modes at rest grow. If motions are large, this happens far from equal
+    !! frequencies, almost down to products of frequency 0.
     pure real(wp) function farthest(i)
       integer, intent(in) :: i
       integer :: factors(3)
@@ -338,7 +338,7 @@ contains
     call sizes_of_generators(self, sizes, all_sizes, first_size)
   end function first_size
 
-  !> The largest influence of what had no place in the frame, at these amplitudes.
+  !> The largest influence of terms that are not constant in the frame, at these amplitudes.
   pure real(wp) function left_out(self, sizes)
     class(normal_form_type), intent(in) :: self
     real(wp), intent(in) :: sizes(:)
@@ -352,11 +352,11 @@ contains
     end do
   end function left_out
 
-  !> The largest influence on a mode at rest of what is far and not among the resonant terms.
+  !> The largest influence on a mode at rest of distant terms that are not resonant.
   pure real(wp) function far_influence(self, sizes, moving_too)
     class(normal_form_type), intent(in) :: self
     real(wp), intent(in) :: sizes(:)
-    !> On modes that move as well.
+    !> Include the influence on modes that move.
     logical, intent(in), optional :: moving_too
     real(wp) :: all_sizes(self%n_generators), reference
     integer :: i
@@ -371,7 +371,7 @@ contains
     end do
   end function far_influence
 
-  !> Whether at these amplitudes more would be chosen.
+  !> True if more terms would be selected at these amplitudes.
   pure logical function wants_more(self, sizes)
     class(normal_form_type), intent(in) :: self
     real(wp), intent(in) :: sizes(:)

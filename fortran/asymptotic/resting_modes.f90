@@ -1,15 +1,15 @@
-!> Whether modes at rest grow by what is left out of the modulation equations.
+!> Growth of modes at rest by terms that are not part of the modulation equations.
 !!
-!! A motion of frequencies f_i drives pairs of modes that rest where n.f is near the sum of
-!! their frequencies. With |n| = 1 and 2 that is among the products of the expansion; with 3 it is
-!! of the order that follows, and what the motion with a little of a resting mode leaves over
-!! (`viscovib_motion_defect`) is its coefficient: modes j and k change by
+!! A motion of frequencies f_i excites pairs of modes at rest if n.f is near the sum of their
+!! frequencies. For |n| = 1 and 2 the products of the expansion include this. For |n| = 3 it is an
+!! effect of the next order. Its coefficient is the residual (`viscovib_motion_defect`) of the
+!! motion with a small amplitude of a mode at rest: modes j and k change by
 !!
-!!   a_k' = sum_m P_km a_m + Q_kj conj(a_j) exp(i D t), and j the other way round,
+!!   a_k' = sum_m P_km a_m + Q_kj conj(a_j) exp(i D t), and the same with j and k exchanged,
 !!
-!! D = n.f - W_j - W_k; P from the modulation equations, with what is left over of the modes' own
-!! exponents. A little real and as much imaginary amplitude tell Q from that. Turned with half of
-!! D all stands still, and the eigenvalues are those of one matrix.
+!! where D = n.f - W_j - W_k. P is that of the modulation equations plus the residual of the modes'
+!! own exponents. A real and an imaginary amplitude of equal modulus distinguish Q from P. In a
+!! frame that rotates at D/2 the equations are autonomous: growth follows from one eigenproblem.
 module viscovib_resting_modes
   use viscovib_eigenvalues, only: eigenvalues
   use viscovib_flow_stability, only: real_matrix
@@ -27,18 +27,18 @@ module viscovib_resting_modes
 
   public :: resting_growth, far_growth, resting_error
 
-  !> Farther than this part of a mode's frequency no such tongue reaches.
+  !> Largest width of such a tongue, relative to a mode's frequency.
   real(wp), parameter :: reach = 0.3_wp
-  !> Of a resting mode, in parts of the motion.
+  !> Amplitude of a mode at rest, relative to the motion.
   real(wp), parameter :: little = 1.0e-4_wp
   integer, parameter :: order = 3
-  !> Waves this near to a mode, in parts of its frequency, turn with it.
+  !> Relative distance from a mode within which waves contribute to its rate of change.
   real(wp), parameter :: still = 1.0e-7_wp
 
-  !> Modes at rest, and how two of them change by each other.
+  !> Modes at rest, and the coupling of pairs of them.
   type :: pairs_type
     type(angles_type) :: angles
-    !> Which modes rest, and which of these a drive is near to, shape (n_modes).
+    !> Modes at rest, and those of them near an excitation, shape (n_modes).
     logical, allocatable :: rests(:), asked(:)
     !> Q and P, shape (n_modes, n_modes).
     complex(wp), allocatable :: coupling(:, :), by_a(:, :)
@@ -46,7 +46,7 @@ module viscovib_resting_modes
 
 contains
 
-  !> The fastest growth of a pair of resting modes; -huge where nothing is near.
+  !> The fastest growth of a pair of modes at rest; -huge if no excitation is near.
   subroutine resting_growth(scales, full, a, growth)
     type(multiple_scales_type), intent(in) :: scales
     !> As in `find_defect`.
@@ -78,7 +78,7 @@ contains
     end associate
   end subroutine resting_growth
 
-  !> Which resting modes a drive is near to, two by two.
+  !> Pairs of modes at rest near an excitation.
   subroutine find_pairs(scales, pairs)
     type(multiple_scales_type), intent(in) :: scales
     type(pairs_type), intent(inout) :: pairs
@@ -96,7 +96,7 @@ contains
     end associate
   end subroutine find_pairs
 
-  !> P and Q of the modes that are asked for.
+  !> P and Q of the selected modes.
   subroutine find_changes(scales, full, a, pairs)
     type(multiple_scales_type), intent(in) :: scales
     class(full_system_type), intent(in), optional :: full
@@ -146,8 +146,8 @@ contains
     n(i) = 0
   end subroutine place
 
-  !> Mode j of a little real, then imaginary amplitude: changes by it and by its conjugate. What
-  !! the motion leaves over without it is the same with a little of the other sign.
+  !> Mode j with a small real, then imaginary amplitude: rates of change by it and by its conjugate.
+  !! Differences between both signs of the amplitude remove the residual of the motion itself.
   subroutine probe(scales, full, a, j, pairs)
     type(multiple_scales_type), intent(in) :: scales
     class(full_system_type), intent(in), optional :: full
@@ -187,8 +187,8 @@ contains
     end do
   end subroutine probe
 
-  !> A little of a resting mode beside a motion; where no mode moves, beside what loads do by
-  !! themselves: what is little in the units of the modes may be far beyond both.
+  !> A small amplitude of a mode at rest, relative to the motion or, if no mode moves, to the
+  !! response to loads alone. A small number of natural units may be much larger than both.
   pure real(wp) function little_of(scales, a)
     type(multiple_scales_type), intent(in) :: scales
     complex(wp), intent(in) :: a(:)
@@ -196,7 +196,7 @@ contains
     if (.not. little_of > 0.0_wp) little_of = little*first_size(scales%normal, abs(a))
   end function little_of
 
-  !> Whether this is the nearest n.f to a frequency.
+  !> True if this is the nearest n.f to a frequency.
   pure logical function is_drive(angles, f, wanted)
     type(angles_type), intent(in) :: angles
     real(wp), intent(in) :: f, wanted
@@ -205,7 +205,7 @@ contains
     is_drive = nearest < huge(1.0_wp) .and. abs(f - drive) <= 1.0e-9_wp*wanted
   end function is_drive
 
-  !> Largest real part for the resting modes, j and k driven.
+  !> Largest real part for the modes at rest with j and k excited.
   real(wp) function growth_of(pairs, j, k, off)
     type(pairs_type), intent(in) :: pairs
     integer, intent(in) :: j, k
@@ -228,9 +228,9 @@ contains
     if (found) growth_of = maxval(real(values))
   end function growth_of
 
-  !> Growth of the resting modes by terms of the expansion that are too far from a mode to be in the
-  !! modulation equations, which under large motions reach it all the same: what these equations
-  !! make of the same motion with them in; -huge where nothing is far.
+  !> Growth of the modes at rest by terms of the expansion that are too far from a mode for the
+  !! modulation equations, but have an effect if motions are large: the growth by the equations
+  !! that include them, about the same motion; -huge without such terms.
   subroutine far_growth(scales, full, form, tolerance, reach_of_modes, a, growth, left)
     type(multiple_scales_type), intent(in) :: scales
     !> As in `find_defect`.
@@ -242,7 +242,7 @@ contains
     !> Amplitudes of a steady motion, in natural units.
     complex(wp), intent(in) :: a(:)
     real(wp), intent(out) :: growth
-    !> Largest influence of those that no frame holds.
+    !> Largest influence of terms that are not constant in any frame.
     real(wp), intent(out) :: left
     type(multiple_scales_type) :: wide
     type(reach_type) :: wide_reach
@@ -262,7 +262,7 @@ contains
     wide_reach%with_far = .true.
     call new_multiple_scales(wide, form, tolerance, .true., status, wide_reach, abs(a))
     if (status%failed() .or. .not. wide%flow%autonomous) return
-    ! The motion itself is the same in both.
+    ! The motion is the same in both.
     if (any(abs(a) > 0.0_wp .and. abs(wide%flow%frame - scales%flow%frame) &
             > 1.0e-9_wp*scales%flow%frame)) return
     left = far_influence(wide%normal, abs(a))
@@ -275,18 +275,17 @@ contains
     if (found) growth = maxval(real(values))
   end subroutine far_growth
 
-  !> How uncertain the growth of modes at rest is; of a motion beside them that is exact nothing
-  !! else tells it. The order that follows changes both derivatives by some part D of the frequency,
-  !! with either sign. It is the cube of what an order is of the one before, and so those that
-  !! follow it make D^(1/3) times as much, which counts in full: in a tongue D itself may only turn
-  !! disturbances.
+  !> Error of the growth of modes at rest, also if the motion itself is exact. The next order
+  !! changes both derivatives by a fraction D of the frequency, with either sign. D is about the
+  !! cube of the ratio of successive orders, so that the orders after it add about D^(1/3) times
+  !! as much. These are added in full, since in a tongue D itself may only rotate perturbations.
   subroutine resting_error(scales, full, a, growth, resting, error)
     type(multiple_scales_type), intent(in) :: scales
     !> As in `find_defect`.
     class(full_system_type), intent(in), optional :: full
     !> Amplitudes of a steady motion, in natural units.
     complex(wp), intent(in) :: a(:)
-    !> The largest growth, and that of modes at rest by terms that are not in the modulation
+    !> The largest growth, and that of modes at rest by terms that are not part of the modulation
     !! equations.
     real(wp), intent(in) :: growth, resting
     real(wp), intent(out) :: error
@@ -316,7 +315,7 @@ contains
       moved = maxval(abs(more(which, which)) + abs(more_conjugate(which, which)))/frame
       error = error + frame*moved*moved**(1.0_wp/3.0_wp)
     end associate
-    ! Beside a growth that is larger it only counts as far as it reaches beyond.
+    ! Only the part that exceeds a larger growth of another origin changes the result.
     error = max(error - (growth - max(own, resting)), 0.0_wp)
 
   contains
@@ -334,8 +333,8 @@ contains
 
   end subroutine resting_error
 
-  !> On top of the slopes by the amplitude of mode j at rest: what a little of it leaves over in the
-  !! full equations that stands still with a mode, the order that follows.
+  !> Add the next order to the derivatives by the amplitude of mode j at rest: the residual of a
+  !! small amplitude of it in the full equations, as far as it is constant in a mode's frame.
   subroutine add_defect(scales, full, a, j, by_a, by_conjugate)
     type(multiple_scales_type), intent(in) :: scales
     !> As in `find_defect`.
@@ -344,8 +343,8 @@ contains
     integer, intent(in) :: j
     complex(wp), intent(inout) :: by_a(:, :), by_conjugate(:, :)
     type(defect_type) :: defect
-    !> Shares of the changes by it and by its conjugate; what the motion leaves over without it
-    !! falls out.
+    !> Contributions to the rates of change by it and by its conjugate; the residual of the
+    !! motion itself cancels.
     complex(wp), parameter :: turns(4) = [(1.0_wp, 0.0_wp), (0.0_wp, 1.0_wp), (-1.0_wp, 0.0_wp), &
                                           (0.0_wp, -1.0_wp)]
     complex(wp) :: b(size(a)), rates(size(a), size(turns))

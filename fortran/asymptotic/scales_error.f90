@@ -1,7 +1,7 @@
-!> How far a motion by multiple scales is from the true one, to leading order: the motion that
-!! its defect calls for (`viscovib_motion_defect`), amplitudes carried along by the linearised
-!! modulation equations d(da)/dt = P da + Q conj(da) + rho(t), rho the defect's share of each
-!! mode; of a steady motion 0 = P da + Q conj(da) + rho.
+!> The error of a motion by multiple scales to leading order: the correction by its defect
+!! (`viscovib_motion_defect`), with amplitudes by the linearised modulation equations
+!! d(da)/dt = P da + Q conj(da) + rho(t), where rho is the contribution of the defect to each
+!! mode. For a steady motion, 0 = P da + Q conj(da) + rho.
 module viscovib_scales_error
   use, intrinsic :: ieee_arithmetic, only: ieee_positive_inf, ieee_value
   use viscovib_dense, only: factorize, solve
@@ -19,7 +19,7 @@ module viscovib_scales_error
 
 contains
 
-  !> Errors of a steady motion in the caller's units; infinite where nothing is known.
+  !> Errors of a steady motion in the caller's units; infinite if they cannot be computed.
   subroutine steady_error(scales, full, a, p, of_harmonic, of_motion)
     type(multiple_scales_type), intent(in) :: scales
     !> As in `find_defect`.
@@ -27,7 +27,7 @@ contains
     !> Amplitudes in natural units; a frequency.
     complex(wp), intent(in) :: a(:)
     real(wp), intent(in) :: p
-    !> Of the harmonic of p, and of the sum over all frequencies, each coordinate, shape (n_dof).
+    !> Of the harmonic of p, and of the sum over all frequencies, shape (n_dof).
     real(wp), intent(out) :: of_harmonic(:), of_motion(:)
     type(defect_type) :: defect
     complex(wp) :: rho(size(a)), change(size(a))
@@ -40,8 +40,8 @@ contains
     of_harmonic = ieee_value(1.0_wp, ieee_positive_inf)
     of_motion = ieee_value(1.0_wp, ieee_positive_inf)
     margin = 1.0e-7_wp
-    ! Nothing but what stands still with a mode changes its amplitude. What is near is a wave, as
-    ! large as the mode's own stiffness lets it be, and quadratic terms bring it back.
+    ! Only terms that are constant in a mode's frame change its amplitude. A near term is a wave
+    ! whose size the mode's dynamic stiffness determines; quadratic terms act back on the mode.
     call find_defect(scales, full, a, defect, margin)
     if (.not. defect%known) return
     associate (frame => scales%flow%frame, normal => scales%normal)
@@ -65,14 +65,14 @@ contains
         of_motion = of_motion + 2.0_wp*abs(normal%right(:d, j)*change(j))
       end do
     end associate
-    ! Products change with the amplitudes too.
+    ! Products change with the amplitudes.
     call harmonic_of(scales, a, p, before, sizes)
     call harmonic_of(scales, a + change, p, after, sizes)
     of_harmonic = abs(scales%columns(:d)*harmonic + (after - before))
     of_motion = scales%columns(:d)*of_motion
   end subroutine steady_error
 
-  !> P da + Q conj(da) = -rho for the modes that move or are pushed.
+  !> P da + Q conj(da) = -rho for the modes that move or are excited.
   subroutine steady_change(scales, a, rho, change, singular)
     type(multiple_scales_type), intent(in) :: scales
     complex(wp), intent(in) :: a(:), rho(:)
@@ -99,14 +99,14 @@ contains
     change(which) = cmplx(x(:m), x(m + 1:), wp)
   end subroutine steady_change
 
-  !> Errors of a motion that starts in a given state, at times; what its expansion lacks at the
-  !! first of them is made up for by the amplitudes there.
+  !> Errors at given times of a motion that starts in a given state. Initial amplitudes are
+  !! corrected by the defect of the expansion at the first time.
   subroutine motion_errors(scales, full, times, a, errors, cancel)
     type(multiple_scales_type), intent(in) :: scales
     !> As in `find_defect`.
     class(full_system_type), intent(in), optional :: full
     !> Ascending, and close enough for the amplitudes, shape (n_modes, n), in natural units, to
-    !! be taken as cubic between them.
+    !! be interpolated by cubics.
     real(wp), intent(in) :: times(:)
     complex(wp), intent(in) :: a(:, :)
     !> Of each coordinate, in the caller's units, shape (n_dof, n).
@@ -135,9 +135,9 @@ contains
     end do
   end subroutine motion_errors
 
-  !> What amplitudes turn with in their frame: the mean of Im(conj(a) a')/|a|^2 with weights |a|^2,
-  !! which lies between 0, of what stands still in the frame, and that of a free mode. The frame may
-  !! be far from the modes' own frequencies, as where w1 ~ 2 w2 is one of several resonances.
+  !> Mean frequencies of amplitudes in their frame: Im(conj(a) a')/|a|^2 with weights |a|^2. They
+  !! lie between 0, for constant amplitudes, and those of free modes. The frame may be far from
+  !! the natural frequencies, for example if w1 ~ 2 w2 is one of several resonances.
   subroutine find_turns(scales, times, a, turns)
     type(multiple_scales_type), intent(in) :: scales
     real(wp), intent(in) :: times(:)
@@ -170,7 +170,7 @@ contains
     call move_alloc(from%rates, to%rates)
   end subroutine move_defect
 
-  !> sum_j 2 Re r_j da_j = -(what the waves add) for coordinates and velocities.
+  !> sum_j 2 Re r_j da_j = -(sum of the waves) for coordinates and velocities.
   function first_change(scales, defect, t, d) result(change)
     type(multiple_scales_type), intent(in) :: scales
     type(defect_type), intent(in) :: defect
@@ -205,7 +205,7 @@ contains
     change = cmplx(x(1::2), x(2::2), wp)
   end function first_change
 
-  !> Modes with the phases that add up, waves as if at random.
+  !> Sum of the moduli of modes, and root sum of squares of the waves.
   pure function size_of_error(scales, defect, change, d) result(size_of)
     type(multiple_scales_type), intent(in) :: scales
     type(defect_type), intent(in) :: defect
@@ -224,7 +224,7 @@ contains
     size_of = scales%columns(:d)*size_of
   end function size_of_error
 
-  !> From one time to the next by the classical method of Runge and Kutta.
+  !> One step between two times by the classical Runge-Kutta method.
   subroutine carry(scales, here, next, times, a, slope, change)
     type(multiple_scales_type), intent(in) :: scales
     type(defect_type), intent(in) :: here, next

@@ -1,4 +1,4 @@
-!> The motion that belongs to amplitudes, and amplitudes that belong to a state.
+!> The motion for given amplitudes, and the amplitudes for a given state.
 module viscovib_scales_motion
   use viscovib_dense, only: factorize, solve
   use viscovib_kinds, only: wp
@@ -9,13 +9,13 @@ module viscovib_scales_motion
 
   public :: motion_at, harmonic_of, amplitudes_of_state
 
-  !> Sizes of three orders, and the unit they are in.
+  !> Number of sizes: three orders, and the unit.
   integer, parameter, public :: n_sizes = 4
   integer, parameter :: max_rounds = 200
 
 contains
 
-  !> Coordinates and velocities at time t where the amplitudes are a, to third order.
+  !> Coordinates and velocities at time t for amplitudes a, to third order.
   subroutine motion_at(scales, t, a, q, v, sizes)
     type(multiple_scales_type), intent(in) :: scales
     real(wp), intent(in) :: t
@@ -23,7 +23,7 @@ contains
     complex(wp), intent(in) :: a(:)
     !> In the caller's units, shape (n_dof).
     real(wp), intent(out) :: q(:), v(:)
-    !> What the terms of each order can add up to, as of `sizes_of`.
+    !> Upper bounds of the terms of each order, as of `sizes_of`.
     real(wp), intent(out) :: sizes(n_sizes)
     complex(wp) :: y(2*scales%normal%n_generators), dy(2*scales%normal%n_generators)
     complex(wp) :: da(size(a)), wave, product, change
@@ -86,8 +86,8 @@ contains
     end associate
   end subroutine motion_at
 
-  !> Each order in the coordinate where it is largest, coordinates compared in units of their
-  !! own, and given in that of the first order, which comes last.
+  !> Each order in the coordinate in which it is largest. Coordinates are compared in natural
+  !! units; results are in the unit of the first order, which comes last.
   pure function sizes_of(scales, bounds) result(sizes)
     type(multiple_scales_type), intent(in) :: scales
     real(wp), intent(in) :: bounds(:, :)
@@ -156,7 +156,7 @@ contains
           x = x + 2.0_wp*u*(y(f(1))*y(f(2))*y(f(3)))
         end associate
       end do
-      ! A wave that does not turn has no conjugate beside it.
+      ! A wave of frequency 0 is real: it is not doubled by a conjugate.
       if (.not. p > 0.0_wp) x = 0.5_wp*x
       x = scales%columns(:d)*x
       if (.not. p > 0.0_wp) x = x + scales%rest(:d)
@@ -169,8 +169,8 @@ contains
     turned = cmplx(cos(angle), sin(angle), wp)
   end function turned
 
-  !> Amplitudes at t = 0 of a motion that begins at (q, v), by corrections through the
-  !! linear part; they shrink in proportion to the amplitude.
+  !> Amplitudes at t = 0 of a motion that begins at (q, v), by corrections with the linear part.
+  !! The ratio of successive corrections is proportional to the amplitude.
   subroutine amplitudes_of_state(scales, q, v, a, status)
     type(multiple_scales_type), intent(in) :: scales
     !> In the caller's units.
@@ -184,7 +184,7 @@ contains
     logical :: singular
 
     n = size(q)
-    ! Velocities over the fastest frequency are of the size of coordinates.
+    ! Velocities divided by the highest frequency have the size of coordinates.
     units(:n) = scales%columns(:n)
     units(n + 1:) = scales%columns(:n)*maxval(abs(scales%flow%s))
     whole = maxval(abs([q, v])/units)
@@ -208,7 +208,7 @@ contains
       call solve(2*n, matrix, pivots, x)
       a = a + cmplx(x(1::2), x(2::2), wp)
       if (.not. error > 1.0e-15_wp*whole) return
-      ! Rounding: no better than before.
+      ! Rounding errors: the residual does not decrease any more.
       if (round > 5 .and. error >= best .and. best <= 1.0e-12_wp*whole) return
       best = min(best, error)
     end do

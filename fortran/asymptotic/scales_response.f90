@@ -1,5 +1,5 @@
-!> Steady motions along values of the frequency or the amplitude of a load; where no frame stands
-!! still, the quasi-periodic ones that the modulation equations settle on.
+!> Steady motions for values of the frequency or the amplitude of a load. If the modulation
+!! equations are not autonomous in any frame: their quasi-periodic attractors.
 module viscovib_scales_response
   use viscovib_beating_flow, only: beating_flow_type, beats_found
   use viscovib_beating_motion, only: beating_errors, beating_motion_type, find_beating_motion
@@ -22,36 +22,36 @@ module viscovib_scales_response
 
   integer, parameter, public :: vary_frequency = 1, vary_amplitude = 2
   integer, parameter :: max_rounds = 4
-  !> What the slow flow lacks are terms of fourth order and above: they move a motion by e where
-  !! they change rates by |eigenvalue| e, and eigenvalues by their own order times that over the
-  !! amplitude. With twice that 3 of 13 000 random motions had a sign of their growth that Floquet's
-  !! did not have and that was told as sure.
+  !> The slow flow neglects terms of fourth order and above. If these shift a motion by e, they
+  !! change its rates by |eigenvalue| e, and eigenvalues by the terms' order times e/amplitude.
+  !! With twice this bound, 3 of 13 000 random motions had a decided stability that differed from
+  !! Floquet's.
   real(wp), parameter :: slopes_of_left_out = 8.0_wp
-  !> Motions count where each order is at most this part of the one before.
+  !> Largest ratio of successive orders up to which motions are accepted.
   real(wp), parameter :: least_fall = 0.3_wp
 
-  !> Steady motions, a column each: which value they belong to, amplitudes and frequencies
+  !> Steady motions, one column each: index of the value, amplitudes and frequencies
   !! of the modes, eigenvalues, first harmonic of the load's frequency in each coordinate,
-  !! u = Re X exp(i p t), and what the terms of each order can add up to, shape (n_sizes).
+  !! u = Re X exp(i p t), and upper bounds of the terms of each order, shape (n_sizes).
   type :: steady_points_type
     integer :: n = 0
     integer, allocatable :: value(:)
     complex(wp), allocatable :: a(:, :), eigenvalues(:, :), harmonic(:, :)
     real(wp), allocatable :: frame(:, :), sizes(:, :)
-    !> Largest influence of what is not among the resonant terms (`viscovib_resonance_choice`).
+    !> Largest influence of terms that are not resonant (`viscovib_resonance_choice`).
     real(wp), allocatable :: left_out(:)
-    !> Growth of modes at rest by what is of the order that follows, or too far to be in the
-    !! modulation equations; -huge: nothing is near.
+    !> Growth of modes at rest by terms of the next order or too far from a mode for the modulation
+    !! equations; -huge: there are no such terms.
     real(wp), allocatable :: resting(:)
     !> For each value: whether a subharmonic or superharmonic motion may be missing, since its
-    !! product has no place in the frame.
+    !! product is not constant in the frame.
     logical, allocatable :: may_lack(:)
-    !> Where asked for, errors of the harmonic and of the whole motion in each coordinate.
+    !> If requested, errors of the harmonic and of the whole motion in each coordinate.
     real(wp), allocatable :: harmonic_errors(:, :), motion_errors(:, :)
-    !> And of the largest growth.
+    !> Error of the largest growth.
     real(wp), allocatable :: growth_errors(:)
-    !> How many beats a motion has, 0: it is steady; the lines of those that beat, one after the
-    !! other: which point they belong to, frequencies, X, shape (n_dof, n_lines).
+    !> Number of beats of each motion, 0: it is steady. Lines of all beating motions, one after
+    !! the other: index of the point, frequency, X, shape (n_dof, n_lines).
     integer, allocatable :: beats(:), line_of(:)
     real(wp), allocatable :: line_frequency(:)
     complex(wp), allocatable :: line(:, :)
@@ -64,7 +64,7 @@ contains
     type(polynomial_form_type), intent(in) :: form
     integer, intent(in) :: load, vary
     real(wp), intent(in) :: values(:), tolerance
-    !> Estimate errors too: some ten times the work.
+    !> Estimate errors: about ten times the work.
     logical, intent(in) :: with_errors
     type(steady_points_type), intent(out) :: points
     type(status_type), intent(out) :: status
@@ -101,7 +101,7 @@ contains
     do i = 1, size(values)
       if (is_set(cancel) .or. stop_wanted()) return
       call begin_piece()
-      ! Nothing here depends on the other values.
+      ! Values are independent of each other.
       call set_value(values(i))
       if (i == 1 .or. moves_rest) call reach_of(here, reach, status)
       if (status%failed()) return
@@ -136,7 +136,7 @@ contains
       end if
     end subroutine set_value
 
-    !> The load with its largest entry 1.
+    !> The load, scaled so that its largest entry is 1.
     function direction() result(unit)
       real(wp) :: unit(form%n)
       unit = form%load(:, load)
@@ -196,15 +196,15 @@ contains
     end associate
   end subroutine add_point
 
-  !> In place of the points from `first` on that no frame makes stand still, what the equations
-  !! settle on: from rest and from each of these.
+  !> Replace the points from `first` on whose equations are not autonomous in any frame by the
+  !! attractors of the equations, computed from rest and from each of these points.
   subroutine add_beats(points, i, first, here, full, load, factor, tolerance, with_errors, &
                        steady, replaced, status, cancel)
     type(steady_points_type), intent(inout) :: points
     integer, intent(in) :: i, first, load
     type(polynomial_form_type), intent(in) :: here
     class(full_system_type), intent(in), optional :: full
-    !> `factor`: of the load that varies.
+    !> `factor`: factor of the varied load.
     real(wp), intent(in) :: factor, tolerance
     logical, intent(in) :: with_errors
     !> Amplitudes of the points from `first` on, in natural units.
@@ -247,7 +247,7 @@ contains
   end subroutine add_beats
 
 
-  !> Several loads act, or terms had no place in the frame.
+  !> True if several loads act, or if some terms are not constant in the frame.
   pure logical function may_beat(scales)
     type(multiple_scales_type), intent(in) :: scales
     integer :: k
@@ -257,7 +257,7 @@ contains
     may_beat = may_beat .or. any(scales%normal%candidates%turned_away)
   end function may_beat
 
-  !> Take back the points from `first` on that are no steady motions.
+  !> Remove the points from `first` on that are not steady motions.
   pure subroutine drop_beating(points, first)
     type(steady_points_type), intent(inout) :: points
     integer, intent(in) :: first
@@ -273,7 +273,7 @@ contains
     end do
   end subroutine drop_beating
 
-  !> A motion that was found before.
+  !> True if the motion was found before.
   pure logical function is_among(typical, found)
     complex(wp), intent(in) :: typical(:), found(:, :)
     integer :: m
@@ -284,7 +284,7 @@ contains
     end do
   end function is_among
 
-  !> Add a motion that beats at value i.
+  !> Add a beating motion at value i.
   subroutine add_beating(points, i, scales, full, load, motion, with_errors, cancel)
     type(steady_points_type), intent(inout) :: points
     integer, intent(in) :: i, load
@@ -326,7 +326,7 @@ contains
     end associate
   end subroutine add_beating
 
-  !> The error of a motion in parts of it.
+  !> The relative error of a motion.
   pure real(wp) function relative_error(points, m, scales)
     type(steady_points_type), intent(in) :: points
     integer, intent(in) :: m
@@ -336,13 +336,13 @@ contains
                                                                    tiny(1.0_wp))
   end function relative_error
 
-  !> All steady motions, resonances chosen by what their terms do at the largest of those in range.
+  !> All steady motions, with resonant terms selected at the largest of those in range.
   subroutine find_steady(form, tolerance, reach, scales, solver, a, n_found, status, cancel)
     type(polynomial_form_type), intent(in) :: form
     real(wp), intent(in) :: tolerance
     type(reach_type), intent(in) :: reach
     type(multiple_scales_type), intent(out) :: scales
-    !> Keeps what it knows of equations with the same terms.
+    !> Reuses solutions of equations with the same terms.
     type(steady_solver_type), intent(inout) :: solver
     complex(wp), intent(inout) :: a(:, :)
     integer, intent(out) :: n_found
@@ -372,7 +372,7 @@ contains
     end do
   end subroutine find_steady
 
-  !> Room for so many points; those there are stay.
+  !> Increase the capacity to so many points; existing points are kept.
   pure subroutine reserve(points, n_modes, n_dof, room)
     type(steady_points_type), intent(inout) :: points
     integer, intent(in) :: n_modes, n_dof, room

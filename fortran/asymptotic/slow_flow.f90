@@ -1,12 +1,12 @@
-!> The modulation equations of a normal form, in a frame that turns with each mode:
+!> The modulation equations of a normal form, in a frame that rotates with each mode:
 !!
 !!   Y_j = a_j exp(i W_j t),
 !!   a_j' = (s_j - i W_j) a_j + sum_k g_jk exp(i (p_k - W_j) t)
 !!          + sum_M g_jM a_M exp(i (W_M - W_j) t),
 !!
-!! a_M the product of the amplitudes of M (1 for a load), W_M the sum of their
+!! where a_M is the product of the amplitudes of M (1 for a load) and W_M the sum of their
 !! frequencies. The frame is the nearest one to the natural frequencies in which every
-!! exponential stands still, if there is one: then steady motions are the zeros of the
+!! exponential is constant, if there is one: then steady motions are the zeros of the
 !! right side. The real amplitude of mode j is 2 |a_j|.
 module viscovib_slow_flow
   use viscovib_kinds, only: wp
@@ -17,17 +17,17 @@ module viscovib_slow_flow
 
   public :: slow_flow_type, flow_term_type, new_slow_flow
 
-  !> Part of its natural frequency by which the frame of a mode in free motion differs at most.
+  !> Largest relative difference between frame and natural frequency of a mode in free motion.
   real(wp), parameter :: farthest = 0.5_wp
 
   type :: flow_term_type
     !> Mode that changes, and the factors: amplitude j > 0, its conjugate -j, or 0
-    !! where there is none (a load, or a product of two).
+    !! if there is none (a load, or a product of two).
     integer :: row = 0, at(3) = 0
     complex(wp) :: coefficient = (0.0_wp, 0.0_wp)
     !> Frequency of the loads among the factors; W_M - W_row.
     real(wp) :: drive = 0.0_wp, turn = 0.0_wp
-    !> Which loads are among the factors: load k with sign, 0: none.
+    !> Loads among the factors: load k with sign, 0: none.
     integer :: loads(3) = 0
   end type flow_term_type
 
@@ -35,7 +35,7 @@ module viscovib_slow_flow
     integer :: n_modes = 0
     complex(wp), allocatable :: s(:)
     type(flow_term_type), allocatable :: terms(:)
-    !> W_j; and whether everything stands still in this frame.
+    !> W_j; and whether all terms are constant in this frame.
     real(wp), allocatable :: frame(:)
     logical :: autonomous = .true.
   contains
@@ -67,8 +67,8 @@ contains
         terms(n) = flow_term_type(j, 0, normal%g_load(j, k), form%drives(k), 0.0_wp, [k, 0, 0])
       end do
     end do
-    ! Coefficients at the level of rounding are none; those with as many loads among their
-    ! factors have the same units.
+    ! Coefficients at the level of rounding errors are set to 0. They are compared with those that
+    ! have the same number of loads as factors, and so the same units.
     largest = largest_of(normal%pair, normal%g_pair)
     do i = 1, size(normal%pair, 2)
       scale = largest(n_loads(normal%pair(:, i)))
@@ -123,12 +123,12 @@ contains
         if (place <= normal%n_modes) then
           new%at(q) = sign_of*place
         else if (aimag(normal%s(place)) > 0.0_wp) then
-          ! A load that is constant is a part of the coefficient.
+          ! A constant load is a part of the coefficient.
           new%loads(q) = sign_of*normal%hard(place - normal%n_modes)
           new%drive = new%drive + sign_of*aimag(normal%s(place))
         end if
       end do
-      ! Constant loads leave several of a kind.
+      ! Constant loads make terms equal: add their coefficients.
       do same = 1, n
         if (terms(same)%row == j .and. all(terms(same)%at == new%at) &
             .and. all(terms(same)%loads == new%loads)) exit
@@ -143,9 +143,9 @@ contains
 
   end subroutine new_slow_flow
 
-  !> The frame nearest to the natural frequencies in which every term stands still:
-  !! one linear condition a term on W - omega, taken in the order of the terms by
-  !! orthogonal projection; one against the others leaves the flow not autonomous.
+  !> The frame nearest to the natural frequencies in which every term is constant: each term
+  !! is one linear condition on W - omega. Conditions are added in the order of the terms by
+  !! orthogonal projection; after a contradictory one the flow is not autonomous.
   pure subroutine turn_frame(self)
     class(slow_flow_type), intent(inout) :: self
     real(wp) :: basis(self%n_modes, self%n_modes), offset(self%n_modes)
@@ -180,7 +180,7 @@ contains
         n = n + 1
         offset(n) = wanted/norm2(condition)
         basis(:, n) = condition/norm2(condition)
-        ! Without loads as many conditions as modes have no frame but one that does not turn.
+        ! Without loads, as many conditions as modes admit only a frame of frequencies 0.
         if (free .and. any(abs(matmul(basis(:, :n), offset(:n))) > farthest*aimag(self%s))) then
           n = n - 1
           self%autonomous = .false.
@@ -199,7 +199,7 @@ contains
           k = abs(t%at(q))
           if (k > 0) t%turn = t%turn + sign(1, t%at(q))*self%frame(k)
         end do
-        ! What the frame was made to stop is rounding.
+        ! The remaining frequencies of the constant terms are rounding errors.
         if (self%autonomous) t%turn = 0.0_wp
       end associate
     end do
@@ -229,7 +229,7 @@ contains
     end do
   end subroutine rates
 
-  !> da'/da and da'/dconjg(a); at time t where the flow is not autonomous.
+  !> da'/da and da'/dconjg(a); at time t if the flow is not autonomous.
   pure subroutine slopes(self, a, by_a, by_conjugate, t)
     class(slow_flow_type), intent(in) :: self
     complex(wp), intent(in) :: a(self%n_modes)

@@ -1,5 +1,5 @@
 !> The conditions of steady motion of a slow flow as systems of polynomials for the modes that
-!! move, amplitudes in a unit of their own.
+!! move, with amplitudes in a natural unit.
 module viscovib_steady_equations
   use viscovib_kinds, only: wp
   use viscovib_slow_flow, only: flow_term_type, slow_flow_type
@@ -10,7 +10,7 @@ module viscovib_steady_equations
 
 contains
 
-  !> Which modes can move at all, and whether all that their terms do is to shift exponents.
+  !> Modes that can move, and whether their terms only shift exponents.
   pure subroutine find_moving(flow, active, shifts_only)
     type(slow_flow_type), intent(in) :: flow
     integer, allocatable, intent(out) :: active(:)
@@ -34,7 +34,7 @@ contains
     end do
   end subroutine find_moving
 
-  !> row, times squares of moduli and loads against themselves: a shift of the exponent.
+  !> True for the row itself times squares of moduli or of loads: a shift of the exponent.
   pure logical function is_shift(t)
     type(flow_term_type), intent(in) :: t
     integer :: net(3), q
@@ -50,8 +50,8 @@ contains
                .and. count(t%loads > 0) == count(t%loads < 0)
   end function is_shift
 
-  !> A mode moves if a load acts on it, or if a term other than a shift ties it to one that
-  !! moves or to a load.
+  !> A mode moves if a load acts on it, or if a term other than a shift couples it to a moving
+  !! mode or to a load.
   pure subroutine spread_motion(t, moves)
     type(flow_term_type), intent(in) :: t
     logical, intent(inout) :: moves(:)
@@ -69,10 +69,10 @@ contains
     end do
   end subroutine spread_motion
 
-  !> The amplitude at which nonlinear terms weigh as much as the loads or the detuning.
+  !> The amplitude at which nonlinear terms are as large as the loads or the detuning.
   pure real(wp) function natural_unit(flow, active) result(unit)
     type(slow_flow_type), intent(in) :: flow
-    !> Modes that move, as their numbers.
+    !> Numbers of the modes that move.
     integer, intent(in) :: active(:)
     real(wp) :: load, linear, quadratic, cubic
     integer :: i, j
@@ -113,7 +113,7 @@ contains
   !> x_j |sigma_j + sum_k gamma_jk x_k|^2 - |g_j|^2 = 0 for the squares in units.
   subroutine square_terms(flow, active, unit, row, at, coefficients)
     type(slow_flow_type), intent(in) :: flow
-    !> Modes that move, as their numbers.
+    !> Numbers of the modes that move.
     integer, intent(in) :: active(:)
     !> Of amplitudes.
     real(wp), intent(in) :: unit
@@ -157,7 +157,7 @@ contains
   !> sigma_j a_j + sum_k gamma_jk |a_k|^2 a_j + g_j = 0, amplitudes in units.
   pure subroutine shifts(flow, active, unit, sigma, gamma, load)
     type(slow_flow_type), intent(in) :: flow
-    !> Modes that move, as their numbers.
+    !> Numbers of the modes that move.
     integer, intent(in) :: active(:)
     !> Of amplitudes.
     real(wp), intent(in) :: unit
@@ -194,7 +194,7 @@ contains
   !> The flow of the active modes, unknowns a_1..a_n, conjugates after them.
   subroutine general_terms(flow, active, unit, row, at, coefficients)
     type(slow_flow_type), intent(in) :: flow
-    !> Modes that move, as their numbers.
+    !> Numbers of the modes that move.
     integer, intent(in) :: active(:)
     !> Of amplitudes.
     real(wp), intent(in) :: unit

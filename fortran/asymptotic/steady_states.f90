@@ -1,10 +1,10 @@
-!> All steady motions of a slow flow that stands still in its frame.
+!> All steady motions of a slow flow that is autonomous in its frame.
 !!
-!! Which modes can move at all follows from the terms. Three ways, by what couples them:
+!! The terms determine which modes can move. There are three cases, by the coupling of modes:
 !! one mode with its own shift, sigma a + gamma |a|^2 a + g = 0, is a cubic equation for
 !! x = |a|^2; several modes that only shift each other are equations of third degree for
 !! their squares; the rest is solved for amplitudes and conjugates as independent unknowns.
-!! The last two by `viscovib_homotopy`, which finds all solutions.
+!! `viscovib_homotopy` finds all solutions in the last two cases.
 module viscovib_steady_states
   use viscovib_homotopy, only: family_type, max_unknowns, new_family
   use viscovib_kinds, only: wp
@@ -22,12 +22,12 @@ module viscovib_steady_states
   integer, parameter :: kind_none = 0, kind_one = 1, kind_squares = 2, kind_general = 3
 
   type :: steady_solver_type
-    !> Modes that can move, as their numbers.
+    !> Numbers of the modes that can move.
     integer, allocatable :: active(:)
     integer :: kind = kind_none
-    !> Amplitudes are in units of this.
+    !> Unit of the amplitudes.
     real(wp) :: unit = 1.0_wp
-    !> All that were met, and the present one: terms come again at other values.
+    !> All patterns of terms found so far, and the present one: patterns recur at other values.
     type(family_type), allocatable, private :: families(:)
     integer, private :: present = 0
   contains
@@ -39,13 +39,13 @@ module viscovib_steady_states
 
 contains
 
-  !> From the flow at one value of what will vary; its terms stay, their coefficients may not.
-  !! A solver that was made for the same terms keeps what it knows.
+  !> From the flow at one value of the varied quantity. Other values have the same terms with
+  !! other coefficients. A solver for the same terms reuses its former solutions.
   subroutine new_steady_solver(solver, flow, status, cancel)
     type(steady_solver_type), intent(inout) :: solver
     type(slow_flow_type), intent(in) :: flow
     type(status_type), intent(out) :: status
-    !> Not 0, perhaps set by another thread, gives up.
+    !> A value other than 0, possibly set by another thread, cancels the computation.
     integer, intent(inout) :: cancel
     integer, allocatable :: row(:), at(:, :)
     complex(wp), allocatable :: coefficients(:)
@@ -100,7 +100,7 @@ contains
   subroutine solve(self, flow, a, n_found, cancel)
     class(steady_solver_type), intent(inout) :: self
     type(slow_flow_type), intent(in) :: flow
-    !> Shape (n_modes, max_steady); columns beyond n_found are left alone.
+    !> Shape (n_modes, max_steady); columns beyond n_found are not changed.
     complex(wp), intent(inout) :: a(:, :)
     integer, intent(out) :: n_found
     integer, intent(inout) :: cancel
