@@ -1,4 +1,4 @@
-"""A body in space on its mounts: times of what engineers ask for, beside plain NumPy and SciPy."""
+"""A body in space on its mounts: times of the usual analyses, compared with NumPy and SciPy."""
 
 import json
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""Branch of the mount through its folds: run time against error, beside AUTO-07p and pyHarm.
+"""Branch of the mount through its folds: run time against error, compared with AUTO-07p and pyHarm.
 
 Errors of the folds against 13 digits, of the first harmonics at twelve points against a balance of
 many orders solved by SciPy at those points (curve.py).

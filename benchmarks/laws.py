@@ -1,9 +1,9 @@
-"""Branch points under force laws that are no polynomials, and what text laws cost that are some.
+"""Branch points under force laws other than polynomials, and the cost of polynomials as text laws.
 
-One mass on a spring with one law, orders to 15, without stability, from below to above the
-resonance. Times are whole calls over points. A text law that happens to be a polynomial is measured
-beside the same polynomial given by its coefficients, by turns. pyHarm has a Jenkins element and a
-penalty contact too; it takes 256 samples of a period.
+One mass on a spring with one law, orders up to 15, without stability, from below to above the
+resonance. Times are those of whole calls, divided by the number of points. A polynomial as a text
+law is compared with the same polynomial given by coefficients; both are run alternately. pyHarm
+has a Jenkins element and a penalty contact, too; it uses 256 samples of a period.
 """
 
 import math
@@ -86,7 +86,7 @@ def _of_peer(law: str) -> float:
 
 
 def run() -> tuple[list[Row], list[Row]]:
-    """Return rows of branch points by law, and of text laws beside the polynomials they are."""
+    """Return rows of branch points by law, and of text laws with the same polynomials."""
     systems = cases()
     found = _by_turns([_job(system) for system, _ in systems.values()])
     rows = [
@@ -203,7 +203,7 @@ def beside_heyoka(n: int = 128, rounds: int = 15) -> list[Row]:
             (setting, job) for _, setting, job in motion.heyoka_ensemble(given["initial"], make)
         ]
         if not peers:
-            print("heyoka is not installed: ensembles beside it left out")
+            print("heyoka is not installed: the comparison of ensembles is skipped")
             return []
         jobs = [*ours, *peers]
         errors = [float(np.abs(job() - expected).max()) for _, job in jobs]

@@ -1,10 +1,10 @@
-"""Motion with memory: run time against error, beside the rules that published codes use.
+"""Motion with memory: run time against error, compared with the rules of published codes.
 
 The mount with the Koltunov-Rzhanitsyn kernel (alpha = 0.1, so that a third of its integral lies
 below 1e-4 s), nonlinear, from rest under a harmonic load to t = 100; error of the last
-displacements against 12 digits of two independent programs. The other rules are written here as
-their papers have them, in NumPy, all of the past at every step; pycaputo and idesolver are used if
-they are installed (peer_memory.py), the latter to t = 1 only.
+displacements against 12 digits of two independent programs. The other rules are implemented here
+in NumPy as in their papers, with the whole history at every step. pycaputo and idesolver are used
+if they are installed (peer_memory.py), idesolver to t = 1 only.
 """
 
 import json

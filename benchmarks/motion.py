@@ -1,9 +1,9 @@
-"""Motion of the pendulum: run time against error, one trajectory and many, beside its peers.
+"""Motion of the pendulum: run time against error, one trajectory and many, and other programs.
 
-Peers are used if they are installed (`./run bench --peers`) and skipped with a line if not. All
-compute the same motion: set P1r to t = 200, error of the last state against 20 digits; for
-ensembles P1r with 1024 initial phi in [-0.5, 0.5], largest error over all members against the
-longest of our own runs.
+Other programs are used if they are installed (`./run bench --peers`); otherwise a line names those
+skipped. All compute the same motion: set P1r to t = 200, error of the last state against 20 digits.
+Ensembles: P1r with 1024 initial phi in [-0.5, 0.5], largest error of all members against the most
+accurate of our own runs.
 """
 
 import json

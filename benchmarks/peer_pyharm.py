@@ -132,7 +132,7 @@ def branch(highest: int, step: float) -> Callable[[], Branch]:
 def chain(
     stiffness: np.ndarray, first: float, highest: int, *, reduced: bool
 ) -> Callable[[], Branch]:
-    """Return a job that follows the branch of the chain of `structures`, its last mass told.
+    """Return a job that computes the branch of the last mass of the chain of `structures`.
 
     ``stiffness`` of unit masses, damping 0.02 K, a cubic spring 0.5 at the last and a load of 0.02
     on the first; odd orders, from 0.5 to 1.5 times the ``first`` frequency. ``reduced``: unknowns

@@ -1,4 +1,4 @@
-"""Response curve of the mount: run time against error, beside a plain NumPy harmonic balance."""
+"""Response curve of the mount: run time against error, compared with harmonic balance in NumPy."""
 
 import warnings
 

@@ -1,4 +1,4 @@
-"""Rubber from measured data: fits, master curves, bands and relaxation; pyvisco beside them."""
+"""Rubber from measured data: fits, master curves, bands, relaxation; compared with pyvisco."""
 
 import importlib.util
 import warnings

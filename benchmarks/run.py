@@ -220,7 +220,7 @@ def of_memory(out: Path) -> Part:
         ]
     switched = switches.run()
     write_csv(out / "memory_switches.csv", switched)
-    lines += ["", "| switches beside memory to t = 20 | setting | error | time |"]
+    lines += ["", "| switches with memory to t = 20 | setting | error | time |"]
     lines += ["| --- | --- | --- | --- |"]
     lines += [
         f"| {row['method']} | {row['setting']} | "

@@ -1,8 +1,8 @@
-"""What each skip of a plan gains: a job, and its twin that needs what the job skips.
+"""Time saved by each skip of a plan: a job, and its twin that needs the skipped part.
 
-The twin differs by a coefficient too small to change a digit, or by an output that is asked for;
-both are run in turn, and the largest difference of their results is told beside the times.
-Times are the processor's, since gains of a tenth drown in what else a machine does.
+The twin differs by a coefficient too small to change a digit, or by an additional output. Both are
+run alternately. The table contains the times and the largest difference of the results. Times are
+processor times, since the load of the machine would hide gains of a tenth.
 """
 
 import statistics

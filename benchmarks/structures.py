@@ -1,4 +1,4 @@
-"""Structures condensed to what is nonlinear: branches beside those of the whole matrices.
+"""Structures condensed to their nonlinear coordinates: branches, compared with whole matrices.
 
 Processor time, the least of several runs.
 

@@ -1,11 +1,11 @@
-"""Switches beside a weakly singular kernel in time: run time against error.
+"""Switches with a weakly singular kernel in time: run time against error.
 
 A mass on rubber (Koltunov-Rzhanitsyn, alpha = 0.3) with a slider and a gap, from rest under a
-harmonic load to t = 20: it sticks, slides and touches. Beside it, written here in Python: the
-force linear between steps under exact weights, Newmark's average acceleration, the slider by its
-return to the limit, all of the past at every step (its steps go over the switches); and graded
-collocation from switch to switch with a sum of exponentials of its own, which judges such motions
-in the tests and gives the exact state here.
+harmonic load to t = 20: it sticks, slides and touches. It is compared with two methods in Python.
+The first has a piecewise linear force with exact weights, Newmark's average acceleration, a return
+mapping of the slider and the whole history at every step; its steps do not end at switches. The
+second is graded collocation from switch to switch with a separate sum of exponentials. It is the
+reference of such motions in the tests and gives the exact state here.
 """
 
 import sys

@@ -67,7 +67,7 @@ def pair(
 ) -> tuple[float, float, float]:
     """Times of both and the median ratio theirs/ours, measured in turn.
 
-    Two jobs of one thread may be told apart by `time.process_time` on a busy machine.
+    On a busy machine `time.process_time` compares two jobs of one thread.
     """
     mine, other = [], []
     for _ in range(repeats):

@@ -1,8 +1,8 @@
 """Native build and wheel side by side: `./run bench --wheel [WHEEL]`.
 
-Both run in processes of their own, by turns, so that a busy machine is busy for both; the table has
-medians of the alternate runs, and the ratio of native to wheel (1: as fast). Before it stands what
-importing the installed wheel takes, beside importing NumPy.
+Both run alternately in separate processes, so that the load of the machine affects both. The table
+contains medians of the alternate runs and the ratio of native to wheel (1: equal). The line above
+it contains the times of importing the installed wheel and of importing NumPy.
 """
 
 import argparse

@@ -26,7 +26,7 @@ LEVELS = ("x86-64-v2", "x86-64-v3", "x86-64-v4")
 CORE = "libviscovib_core.so"
 PYTHONS = ("3.11", "3.12", "3.13", "3.14")
 
-#: What is inside beside the project: the files of its licence, and how it is named.
+#: Other libraries in the wheel: the files of their licences, and their names.
 LICENCES = {
     "libgfortran": (
         "GPL-3.0-or-later WITH GCC-exception-3.1",

@@ -31,7 +31,7 @@ def jobs(quick: bool) -> Iterator[tuple[str, Job]]:
 
 
 def of_pendulum(method: str, count: int) -> Row:
-    """Errors against gauss16 in steps of 0.1; each beside its own estimate."""
+    """Errors against gauss16 in steps of 0.1, each with its own estimate."""
     body = vv.Pendulum(**PENDULUM)
 
     def run(dt: float) -> vv.Trajectory:
@@ -89,7 +89,7 @@ def _sweep(
 
 
 def edge_of_explicit(method: str) -> Row:
-    """Largest h omega of the linear oscillator that does not grow, beside the method's own R(z)."""
+    """Largest h omega at which the linear oscillator does not grow, and that of R(z)."""
     known = {"rk4": _edge([[0] * 4, [0.5, 0, 0, 0], [0, 0.5, 0, 0], [0, 0, 1, 0]],
                           [1 / 6, 1 / 3, 1 / 3, 1 / 6]),
              "dop8": _edge(DOP853.A, DOP853.B)}  # fmt: skip
