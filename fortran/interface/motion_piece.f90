@@ -1,0 +1,149 @@
+!> A piece of a run in time as tasks have it: what every one is given, and finds.
+module viscovib_motion_piece
+  use viscovib_binding_tools, only: make_load
+  use viscovib_kinds, only: i8, wp
+  use viscovib_load, only: load_type
+  use viscovib_oscillator, only: oscillator_type
+  use viscovib_polynomial, only: polynomial_type
+  use viscovib_status, only: fail, status_input_error
+  use viscovib_task, only: task_type
+  use viscovib_watch, only: watch_type
+  implicit none
+  private
+
+  public :: piece_type, polynomial_of, load_of, take_up_memory
+
+  !> How a run goes on: from a start, as before, or under other loads.
+  integer, parameter, public :: from_start = 0, under_other_loads = 2
+  !> Columns of what a watch gathers: peaks, integrals of values and of squares.
+  integer, parameter :: n_gathered = 3
+
+  !> What all pieces of runs are asked for and find.
+  type :: piece_type
+    !> Steps made before, steps to make, and steps between states that are kept.
+    integer(i8) :: first = 0, n_steps = 0, save_every = 1
+    integer :: resume = from_start
+    real(wp) :: h = 0.0_wp, tolerance = 0.0_wp
+    real(wp), pointer, contiguous :: times(:), memory(:)
+    real(wp), allocatable :: states(:, :), at_times(:, :), last(:), kept(:), found(:, :)
+    integer(i8) :: n_done = 0, counted = 0
+    integer :: n_reached = 0, ended = 0, n_found = 0
+    real(wp) :: t_reached = 0.0_wp
+    logical :: is_watched = .false.
+    real(wp), pointer, contiguous :: watched(:)
+    integer, allocatable :: sides(:)
+  contains
+    procedure :: read => read_piece
+    procedure :: hand_over
+    procedure :: put => put_piece
+  end type piece_type
+
+contains
+
+  !> What every piece is given: `first`, `n_steps`, `save_every`, `resume`, `h`, `tolerance`,
+  !! `times` (n), `columns`: states kept; with resume > 0 `memory`; with events `watched`, `sides`
+  !! and `most` passages that are told.
+  subroutine read_piece(self, task, n_rows, n_observed)
+    class(piece_type), intent(out) :: self
+    type(task_type), intent(inout) :: task
+    !> Numbers of a state, and of a passage.
+    integer, intent(in) :: n_rows, n_observed
+    integer :: columns, most
+
+    self%first = task%get_long('first')
+    self%n_steps = task%get_long('n_steps')
+    self%save_every = task%get_long('save_every')
+    self%resume = task%get_integer('resume')
+    self%h = task%get_real('h')
+    self%tolerance = task%get_real('tolerance')
+    self%times => task%get_reals('times')
+    columns = task%get_integer('columns')
+    if (self%resume /= from_start) self%memory => task%get_reals('memory')
+    self%is_watched = task%has('watched')
+    most = 0
+    if (self%is_watched) then
+      self%watched => task%get_reals('watched')
+      self%sides = task%get_integers('sides')
+      most = task%get_integer('most')
+    end if
+    if (task%failed()) return
+    allocate (self%states(n_rows, columns), self%found(n_observed, most))
+    allocate (self%at_times(n_rows, size(self%times)), self%last(n_rows), source=0.0_wp)
+    self%found = 0.0_wp
+  end subroutine read_piece
+
+  !> The passages of a watch.
+  subroutine hand_over(self, watch)
+    class(piece_type), intent(inout) :: self
+    type(watch_type), intent(inout) :: watch
+    call watch%hand_over(self%sides, self%found, self%n_found)
+  end subroutine hand_over
+
+  subroutine put_piece(self, task)
+    class(piece_type), intent(inout) :: self
+    type(task_type), intent(inout) :: task
+    integer :: n
+
+    if (task%failed()) return
+    associate (found => task%found)
+      call found%put_reals('states', self%states, shape(self%states))
+      if (size(self%times) > 0) then
+        call found%put_reals('at_times', self%at_times, shape(self%at_times))
+      end if
+      call found%put_reals('last', self%last, shape(self%last))
+      if (.not. allocated(self%kept)) allocate (self%kept(0))
+      call found%put_reals('memory', self%kept, shape(self%kept))
+      call found%put_integer('made', self%n_done)
+      call found%put_integer('n_reached', int(self%n_reached, i8))
+      call found%put_real('reached', self%t_reached)
+      call found%put_integer('ended', int(self%ended, i8))
+      call found%put_integer('counted', self%counted)
+      if (.not. self%is_watched) return
+      ! Behind the passages stands what was gathered along the motion.
+      n = min(self%n_found + n_gathered, size(self%found, 2))
+      call found%put_reals('found', self%found(:, :n), [size(self%found, 1), n])
+      call found%put_integer('n_found', int(self%n_found, i8))
+      call found%put_integers('sides', self%sides, shape(self%sides))
+    end associate
+  end subroutine put_piece
+
+  !> A failure where a run is to go on with less than it needs.
+  subroutine take_up_memory(task, piece, needed)
+    type(task_type), intent(inout) :: task
+    type(piece_type), intent(in) :: piece
+    integer, intent(in) :: needed
+    if (size(piece%memory) >= needed) return
+    call fail(task%status, status_input_error, 'memory', 'memory: is not that of such a run')
+  end subroutine take_up_memory
+
+  !> The polynomial system of a task; a failure if its system is another one.
+  function polynomial_of(task) result(it)
+    type(task_type), intent(inout) :: task
+    type(polynomial_type), pointer :: it
+    class(oscillator_type), pointer :: system
+    nullify (it)
+    system => task%system()
+    if (task%failed()) return
+    select type (system)
+    type is (polynomial_type)
+      it => system
+    class default
+      call fail(task%status, status_input_error, 'system', task%kind//': needs a polynomial system')
+    end select
+  end function polynomial_of
+
+  !> The periodic load of a task, `orders` (k) and `series` (n + 1, k).
+  subroutine load_of(task, n_dof, load)
+    type(task_type), intent(inout) :: task
+    integer, intent(in) :: n_dof
+    type(load_type), intent(out) :: load
+    complex(wp), pointer, contiguous :: series(:, :)
+    integer, allocatable :: orders(:)
+    orders = task%get_integers('orders')
+    series => task%get_complex_matrix('series')
+    call task%check_extents('series', shape(series), [n_dof + 1, size(orders)])
+    if (task%failed()) return
+    call make_load(load, orders, series, task%status)
+  end subroutine load_of
+
+end module viscovib_motion_piece
