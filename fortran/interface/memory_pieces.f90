@@ -9,8 +9,8 @@ module viscovib_memory_pieces
   use viscovib_load, only: load_type
   use viscovib_mesh, only: mesh_type, new_mesh
   use viscovib_modal_maps, only: sections_type
-  use viscovib_motion_piece, only: from_start, piece_type, polynomial_of, take_up_memory, &
-    under_other_loads
+  use viscovib_motion_piece, only: from_start, memory_under_other_loads, piece_type, &
+    polynomial_of, take_up_memory, under_other_loads
   use viscovib_oscillator, only: oscillator_type
   use viscovib_polynomial, only: polynomial_type
   use viscovib_reduction, only: reduce, state_mask
@@ -94,11 +94,13 @@ contains
                         moved(dofs, :), shortest, kinks)
     if (task%failed()) return
     if (reason == begun .and. piece%resume /= from_start) then
-      call take_up_memory(task, piece, run%memory_size())
-      if (task%failed()) return
-      call run%load_memory(piece%memory, piece%resume == under_other_loads)
       made = .true.
-      if (piece%resume == under_other_loads) then
+      if (piece%resume /= under_other_loads) then
+        call take_up_memory(task, piece, run%memory_size())
+        if (task%failed()) return
+        call run%load_memory(piece%memory, .false.)
+      else
+        call run%load_memory(memory_under_other_loads(piece, run%memory_size()), .true.)
         call run%take_up(system, load, mesh%start_of(piece%first), u, v, made)
       end if
       if (.not. made) reason = step_too_large
@@ -266,11 +268,13 @@ contains
                              shortest, kinks)
     if (task%failed()) return
     if (reason == begun .and. piece%resume /= from_start) then
-      call take_up_memory(task, piece, run%memory_size())
-      if (task%failed()) return
-      call run%load_memory(piece%memory, piece%resume == under_other_loads)
       made = .true.
-      if (piece%resume == under_other_loads) then
+      if (piece%resume /= under_other_loads) then
+        call take_up_memory(task, piece, run%memory_size())
+        if (task%failed()) return
+        call run%load_memory(piece%memory, .false.)
+      else
+        call run%load_memory(memory_under_other_loads(piece, run%memory_size()), .true.)
         call run%kick(base, kick(1:1), kick(2:2))
         call run%get_state(u, v)
         call run%take_up(system, load, mesh%start_of(piece%first), u, v, made)

@@ -11,7 +11,7 @@ module viscovib_motion_piece
   implicit none
   private
 
-  public :: piece_type, polynomial_of, load_of, take_up_memory
+  public :: memory_under_other_loads, piece_type, polynomial_of, load_of, take_up_memory
 
   !> How a run goes on: from a start, as before, or under other loads.
   integer, parameter, public :: from_start = 0, under_other_loads = 2
@@ -38,6 +38,9 @@ module viscovib_motion_piece
     procedure :: put => put_piece
   end type piece_type
 
+  ! What a run has that goes on without a memory of its own.
+  real(wp), target :: nothing(0)
+
 contains
 
   !> What every piece is given: `first`, `n_steps`, `save_every`, `resume`, `h`, `tolerance`,
@@ -58,7 +61,8 @@ contains
     self%tolerance = task%get_real('tolerance')
     self%times => task%get_reals('times')
     columns = task%get_integer('columns')
-    if (self%resume /= from_start) self%memory => task%get_reals('memory')
+    self%memory => nothing
+    if (task%has('memory')) self%memory => task%get_reals('memory')
     self%is_watched = task%has('watched')
     most = 0
     if (self%is_watched) then
@@ -87,9 +91,7 @@ contains
     if (task%failed()) return
     associate (found => task%found)
       call found%put_reals('states', self%states, shape(self%states))
-      if (size(self%times) > 0) then
-        call found%put_reals('at_times', self%at_times, shape(self%at_times))
-      end if
+      call found%put_reals('at_times', self%at_times, shape(self%at_times))
       call found%put_reals('last', self%last, shape(self%last))
       if (.not. allocated(self%kept)) allocate (self%kept(0))
       call found%put_reals('memory', self%kept, shape(self%kept))
@@ -115,6 +117,15 @@ contains
     if (size(piece%memory) >= needed) return
     call fail(task%status, status_input_error, 'memory', 'memory: is not that of such a run')
   end subroutine take_up_memory
+
+  !> What a run needs to go on under other loads: zeros for what was not kept before.
+  function memory_under_other_loads(piece, needed) result(memory)
+    type(piece_type), intent(in) :: piece
+    integer, intent(in) :: needed
+    real(wp) :: memory(max(needed, size(piece%memory)))
+    memory = 0.0_wp
+    memory(:size(piece%memory)) = piece%memory
+  end function memory_under_other_loads
 
   !> The polynomial system of a task; a failure if its system is another one.
   function polynomial_of(task) result(it)

@@ -266,8 +266,8 @@ def call(routine: Callable[..., tuple[Any, ...]], *arguments: object) -> tuple[A
 _REAL, _COMPLEX, _INTEGER, _TEXT = 1, 2, 3, 4
 _KINDS = {"f": _REAL, "c": _COMPLEX, "i": _INTEGER, "u": _INTEGER, "b": _INTEGER}
 _NO_NUMBERS = np.empty(0)
-#: Elements of an array that are packed one by one.
-_ONE_BY_ONE = 32
+#: What the core takes for a system of which one vector holds all.
+_IN_VECTOR = -2
 _NO_CANCEL = np.zeros(1, dtype=np.intc)
 
 
@@ -318,94 +318,127 @@ def oscillator_object(
     )  # fmt: skip
 
 
+def polynomial_object(flat: FloatArray) -> Handle:
+    """Build a polynomial system from its vector, which holds its kernels too."""
+    return oscillator_object(flat, (_IN_VECTOR, _NO_NUMBERS, 0, _NO_NUMBERS))
+
+
 def _begin(
     task: str, parents: tuple[Handle, ...], values: Mapping[str, Any]
 ) -> tuple[int, FloatArray]:
-    integers: list[Any] = [len(parents), *[parent.number for parent in parents]]
-    whole: list[Any] = []
-    numbers: list[Any] = []
-    letters = b""
-    # Whether there are arrays among the elements.
-    wide = [False, False]
-    for value in values.values():
-        kind = type(value)
-        if kind is float:
-            integers += (_REAL, 0)
-            numbers.append(value)
-        elif kind is int or kind is bool:
-            integers += (_INTEGER, 0)
-            whole.append(int(value))
-        elif kind is np.ndarray:
-            code = _KINDS[value.dtype.kind]
-            integers += (code, value.ndim, *value.shape)
-            flat = value.ravel("F")
-            if code == _COMPLEX:
-                flat = flat.view(np.float64)
-            row = whole if code == _INTEGER else numbers
-            if flat.size <= _ONE_BY_ONE:
-                row += flat.tolist()
-            else:
-                row.append(flat)
-                wide[code == _INTEGER] = True
-        elif kind is str or kind is bytes:
-            text = value.encode() if kind is str else value
-            integers += (_TEXT, 1, len(text))
-            letters += text
-        elif isinstance(value, np.generic):
-            code = _KINDS[value.dtype.kind]
-            integers += (code, 0)
-            if code == _INTEGER:
-                whole.append(int(value))
-            else:
-                numbers += (value,) if code == _REAL else (value.real, value.imag)
+    given = list(values.values())
+    kinds = tuple(map(type, given))
+    key = task, kinds, *values
+    plan = _plans.get(key)
+    if plan is None:
+        plan = _plans[key] = _plan_of(task, list(values), kinds)
+    text, of_reals, of_whole, of_arrays, of_texts = plan
+    reals = [given[i] for i in of_reals]
+    whole = [given[i] for i in of_whole]
+    forms: list[int] = []
+    arrays: list[Any] = []
+    whole_arrays: list[Any] = []
+    for i in of_arrays:
+        value = given[i]
+        if kinds[i] is complex:
+            value = np.array(value)
+        code = _KINDS[value.dtype.kind]
+        forms += (code, value.ndim, *value.shape)
+        flat = value if value.ndim == 1 else value.ravel("F")
+        if code == _REAL:
+            arrays.append(flat)
+        elif code == _COMPLEX:
+            arrays.append(flat.view(np.float64))
         else:
-            integers += (_COMPLEX, 0)
-            numbers += (value.real, value.imag)
-    integers += whole
-    found = core.begin_call(
-        f"{task};{','.join(values)};".encode() + letters,
-        np.hstack(integers) if wide[1] else integers,
-        np.hstack(numbers) if wide[0] else numbers or _NO_NUMBERS,
+            whole_arrays.append(flat)
+    for i in of_texts:
+        letters = given[i].encode() if kinds[i] is str else given[i]
+        forms += (_TEXT, 1, len(letters))
+        text += letters
+    layout: Any = [
+        len(parents), *[parent.number for parent in parents],
+        *(_REAL, 0) * len(reals), *(_INTEGER, 0) * len(whole), *forms, *whole,
+    ]  # fmt: skip
+    if whole_arrays:
+        layout = np.concatenate((layout, *whole_arrays))
+    handle, sizes, status = core.begin_call(
+        text, layout, np.concatenate((reals, *arrays)) if arrays else reals,
         _NO_CANCEL if _listening.flag is None else _listening.flag,
-    )
-    if found[2] == 0 and _unheard.error is None:
-        return found[0], found[1]
-    handle, sizes = call(lambda: found)
+    )  # fmt: skip
+    if status != 0 or _unheard.error is not None:
+        call(lambda: status)
     return handle, sizes
+
+
+#: Names of what tasks find, by their letters.
+_names: dict[bytes, list[str]] = {}
+#: How values of such kinds are packed, by the task, their kinds and their names.
+_plans: dict[tuple[Any, ...], tuple[bytes, list[int], list[int], list[int], list[int]]] = {}
+
+
+def _plan_of(
+    task: str, names: list[str], kinds: tuple[type, ...]
+) -> tuple[bytes, list[int], list[int], list[int], list[int]]:
+    """Return the names in the order of a call, and the places of values of each kind.
+
+    Single numbers come first, then arrays, then texts: so all elements are joined at once.
+    """
+    places: tuple[list[int], list[int], list[int], list[int]] = ([], [], [], [])
+    for i, kind in enumerate(kinds):
+        if issubclass(kind, float):
+            places[0].append(i)
+        elif issubclass(kind, (int, np.integer, np.bool_)):
+            places[1].append(i)
+        elif issubclass(kind, (np.ndarray, complex)):
+            places[2].append(i)
+        elif issubclass(kind, (str, bytes)):
+            places[3].append(i)
+        else:
+            raise TypeError(f"{names[i]}: is a {kind.__name__}, which no task takes")
+    ordered = "".join(f"{names[i]}," for one in places for i in one)
+    return f"{task};{ordered};".encode(), *places
 
 
 def _found(handle: int, sizes: Any, keep: int) -> dict[str, Any]:
     """Unpack what a task found."""
-    text, integers, numbers = call(core.end_call, handle, keep, *sizes.tolist())
+    text, integers, numbers, status = core.end_call(handle, keep, *sizes.tolist())
+    if status != 0:
+        call(lambda: status)
     names, _, letters = text.tobytes().partition(b";")
+    known = _names.get(names)
+    if known is None:
+        known = _names[names] = names.decode().split(",")[:-1]
     whole = integers.tolist()
-    forms = []
-    at = 0
-    for name in names.decode().split(",")[:-1]:
-        first = at + 2
-        last = first + whole[at + 1]
-        forms.append((name, whole[at], whole[first:last]))
-        at = last
     found: dict[str, Any] = {}
-    of_numbers = of_letters = 0
-    for name, kind, shape in forms:
-        size = math.prod(shape)
-        part: Any
+    integer_values = []
+    at = before = first = 0
+    for name in known:
+        kind, rank = whole[at], whole[at + 1]
+        at += 2 + rank
+        shape = whole[at - rank : at]
+        size = 1
+        for extent in shape:
+            size *= extent
         if kind == _INTEGER:
-            part = integers[at : at + size] if shape else whole[at]
-            at += size
+            integer_values.append((name, shape, size))
         elif kind == _TEXT:
-            part = letters[of_letters : of_letters + size].decode(errors="replace")
-            of_letters += size
+            found[name] = letters[first : first + size].decode(errors="replace")
+            first += size
         elif kind == _REAL:
-            part = numbers[of_numbers : of_numbers + size] if shape else numbers.item(of_numbers)
-            of_numbers += size
+            if rank == 0:
+                found[name] = float(numbers[before])
+            elif rank == 1:
+                found[name] = numbers[before : before + size]
+            else:
+                found[name] = numbers[before : before + size].reshape(shape, order="F")
+            before += size
         else:
-            part = numbers[of_numbers : of_numbers + 2 * size].view(np.complex128)
-            of_numbers += 2 * size
-            if not shape:
-                part = part.item()
-        found[name] = part.reshape(shape, order="F") if len(shape) > 1 else part
+            part = numbers[before : before + 2 * size].view(np.complex128)
+            found[name] = part.reshape(shape, order="F") if rank else complex(part[0])
+            before += 2 * size
+    for name, shape, size in integer_values:
+        found[name] = integers[at : at + size].reshape(shape, order="F") if shape else whole[at]
+        at += size
     return found
 
 
@@ -472,6 +505,13 @@ def call_either(
 ) -> tuple[Any, ...]:
     """Call a flat routine; in a thread if it may take ``long``, as that costs 50 microseconds."""
     return call_interruptibly(routine, None, *arguments) if long else call(routine, *arguments)
+
+
+def run_either(long: bool, task: str, /, *parents: Handle, **values: Any) -> dict[str, Any]:
+    """Run a task; in a thread if it may take ``long``, as that costs 50 microseconds."""
+    if long:
+        return apart(lambda: run(task, *parents, **values))
+    return run(task, *parents, **values)
 
 
 class _Listening(threading.local):

@@ -148,7 +148,7 @@ def test_scenes_that_the_core_computes_are_left(interrupted, tmp_path, way):
     until = time.monotonic() + 5
     while threading.active_count() > before and time.monotonic() < until:
         time.sleep(0.01)
-    assert threading.active_count() == before
+    assert threading.active_count() <= before
 
 
 def test_long_signals_are_transformed_apart(monkeypatch):

@@ -7,7 +7,8 @@ from dataclasses import replace
 import numpy as np
 import numpy.typing as npt
 
-from viscovib._native import FloatArray, core
+from viscovib import _native
+from viscovib._native import FloatArray
 from viscovib.analyses.events import n_states
 from viscovib.analyses.runs import LOCATED, least_error, told_in_one_way
 from viscovib.results.trajectory import Trajectory
@@ -47,10 +48,11 @@ def with_event_errors(
         rows = np.empty((own.shape[0], 0), order="F")
     columns = run._resume.event_columns()
     times, apart = _apart(pair, [] if winds else looks, columns, own.shape[0])
-    errors = core.event_errors(
-        watch.vector, own, rows, times, apart, least,
-        np.array([run._resume.began, min(run.t_reached, other.t_reached)]), int(not winds),
-    )  # fmt: skip
+    errors = _native.run(
+        "motion event errors", watched=watch.vector, own=own, other=rows, times=times,
+        apart=apart, least=float(least), compared=not winds,
+        span=np.array([run._resume.began, min(run.t_reached, other.t_reached)]),
+    )["errors"]  # fmt: skip
     found = tuple(
         replace(one, error=errors[0, own[0] == i], state_error=errors[1, own[0] == i])
         for i, one in enumerate(run.events, start=1)

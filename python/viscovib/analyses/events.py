@@ -277,11 +277,3 @@ class Watch:
         """The state at the last passage."""
         last = self.found[-1][-1]
         return np.asarray(last[2 : 2 + n_states(last.size)])
-
-
-#: What native calls take where nothing is watched.
-NOTHING: tuple[FloatArray, npt.NDArray[np.intc], int] = (
-    np.zeros(1),
-    np.zeros(1, dtype=np.intc),
-    0,
-)

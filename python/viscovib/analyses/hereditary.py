@@ -5,14 +5,14 @@ import math
 import warnings
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from functools import cache, partial
+from functools import cache, cached_property, partial
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from viscovib import _native
-from viscovib._native import ComplexArray, FloatArray, core
+from viscovib._native import ComplexArray, FloatArray
 from viscovib.analyses.kept_numbers import of_mount
 from viscovib.analyses.mount_loads import inertia_of, sinusoids
 from viscovib.analyses.runs import (
@@ -51,8 +51,6 @@ _DIRECT_STEPS = 20_000
 _REACH = 100.0
 #: Part of a step for which kernels are fitted where a run stops inside it.
 _FINE = 2.0**-14
-#: Numbers a run needs to go on, to begin with.
-_MEMORY = 1024
 #: Kernels whose weights need no quadrature, and how many parameters they may have for that.
 _CLOSED, _FEW = {kind._kind for kind in (AbelKernel, PronyKernel, RzhanitsynKernel)}, 50
 #: What lasts for ever, as a time (s).
@@ -196,6 +194,16 @@ class MountMotion:
         """Whether some spring has memory."""
         return bool(self.mount._active_kernels)
 
+    @cached_property
+    def _given(self) -> _native.Handle:
+        """Loads and past in the core."""
+        return _native.Handle(
+            "motion given", frequencies=self.frequencies, amplitudes=self.amplitudes,
+            breaks=self.breaks, pieces=self.pieces, waves=self.base,
+            base_breaks=self.base_breaks, base_pieces=self.base_pieces, held=self.held,
+            before=self.before, moved=self.moved,
+        )  # fmt: skip
+
     def runs(self, tolerance: float) -> Callable[[float], Run]:
         """Return what makes a run with a step."""
         return partial(MountRun, self, tolerance)
@@ -206,6 +214,7 @@ class MountRun(Run):
 
     counts = "iterations"
     inside = True
+    remembers_past = True
     shaken = SHAKEN
     #: Reason of a run whose steps are too large, and the outcome it is then.
     too_large, coarse = _STEP_TOO_LARGE, _COARSE
@@ -315,14 +324,16 @@ class MountRun(Run):
         if self.moves is not None:
             self.moves = np.ones_like(self.moves)
 
-    def _plan(self, end: float, dt: float, tolerance: float, every: int, last: bool) -> bytes:
-        motion, mount = self.motion, self.motion.mount
-        text: bytes = _native.call(
-            core.hereditary_plan, mount._flat, *mount._kernels, *motion.series, motion.state,
-            motion.held,
-            end, dt, tolerance, tuple(reversed(NODES)).index(self.method) + 1,
-            2 if self.past == "exponentials" else 3, every, int(last),
-        )[0]  # fmt: skip
+    def _plan(self, end: float, dt: float, tolerance: float, every: int, last: bool) -> str:
+        motion = self.motion
+        orders, series = motion.series
+        text: str = _native.run(
+            "motion plan with memory", motion.mount._handle, orders=orders, series=series,
+            initial=motion.state, held=motion.held, t_end=float(end), dt=float(dt),
+            tolerance=float(tolerance),
+            method=tuple(reversed(NODES)).index(self.method) + 1,
+            past=2 if self.past == "exponentials" else 3, save_every=every, last_only=last,
+        )["text"]  # fmt: skip
         return text
 
     @property
@@ -347,85 +358,43 @@ class MountRun(Run):
                 f"t_end = {until:g}: a run made for t_end = {self.motion.end:g} may go on to "
                 f"{_REACH * self.motion.end:g} at most"
             )
-        n_memory = _MEMORY if self.memory is None else max(self.memory.size, _MEMORY)
-        watch = self.watch
-        sides = None if watch is None else watch.sides.copy()
         while True:
-            if watch is not None and sides is not None:
-                # Steps that are made again begin where they began before.
-                watch.sides[:] = sides
-            part, n_kept, reason = self._call(count, every, columns, times, n_memory)
+            found = self._found(count, every, columns, times)
+            reason = found["reason"]
             if reason == _NO_EXPONENTIALS:
                 self._turn_direct()
-            elif n_kept > n_memory:
-                n_memory = n_kept
-            else:
-                return part
+                continue
+            self.resolution = found["resolution"]
+            self.too_long = max(self.too_long, found["too_long"])
+            if reason == _NO_INTEGRAL:
+                raise InputError(
+                    "held: a kernel has no integral, so what was held for ever would leave no "
+                    "force; must be None"
+                )
+            if reason == _STEP_TOO_LARGE:
+                found |= {"ended": _COARSE, "reached": self.time, "last": self.state}
+            return Piece.of(found)
 
-    def _call(
-        self, count: int, every: int, columns: int, times: FloatArray, n_memory: int
-    ) -> tuple[Piece, int, int]:
-        motion, mount = self.motion, self.motion.mount
-        memory = np.zeros(n_memory)
-        if self.memory is not None:
-            memory[: self.memory.size] = self.memory
-        flat = mount._flat
-        if self.heavier != 1:
-            flat = flat.copy()
-            flat[mount._masses] *= self.heavier
-        results = _native.call_either(
-            self._takes_long(count),
-            core.mount_simulate,
-            flat,
-            *mount._kernels,
-            motion.frequencies,
-            motion.amplitudes,
-            motion.breaks,
-            motion.pieces,
-            motion.base,
-            motion.base_breaks,
-            motion.base_pieces,
-            *self._mesh_arrays(),
-            NODES[self.method],
-            PASTS.index(self.past) + 1,
-            motion.held,
-            motion.before,
-            motion.moved,
-            self.moves if self.watch is None else np.ones_like(self.moves),
-            self.state,
-            self.h,
-            self.shortest,
-            int(self.kinks),
-            self.reach,
-            self.solved,
-            self.done,
-            count,
-            every,
-            2 if self.anew else int(self.memory is not None),
-            memory,
-            times,
-            columns,
-            *self._watched(),
-        )
-        states, at_times, last, kept, n_kept, made, n_reached, reached, ended, *more = results
-        counted, rough, reason, found, n_found, too_long = more
-        self.resolution = float(rough)
-        self.too_long = max(self.too_long, float(too_long))
-        self._refuse(reason)
-        if reason == _STEP_TOO_LARGE:
-            ended, reached = _COARSE, self.time
-        part = Piece(
-            states, at_times, last, kept[:n_kept], made, n_reached, reached, ended, counted, found,
-            n_found,
+    def _system(self) -> _native.Handle:
+        """The system in the core; where masses are other, of such ones."""
+        mount = self.motion.mount
+        handle: _native.Handle = mount._handle
+        if self.heavier == 1:
+            return handle
+        flat = mount._flat.copy()
+        flat[mount._masses] *= self.heavier
+        return _native.oscillator_object(flat, mount._kernels)
+
+    def _found(self, count: int, every: int, columns: int, times: FloatArray) -> dict[str, Any]:
+        """What the core makes of so many steps."""
+        ends, made_by = self._mesh_arrays()
+        return self._task(
+            "motion with memory", self._system(), self.motion._given,
+            long=self._takes_long(count), count=count, every=every, columns=columns, times=times,
+            nodes=NODES[self.method], past=PASTS.index(self.past) + 1, moves=self.moves,
+            initial=self.state, shortest=self.shortest, kinks=bool(self.kinks), t_end=self.reach,
+            ends=ends, made_by=made_by,
         )  # fmt: skip
-        return part, n_kept, reason
-
-    def _refuse(self, reason: int) -> None:
-        if reason == _NO_INTEGRAL:
-            raise InputError(
-                "held: a kernel has no integral, so what was held for ever would leave no "
-                "force; must be None"
-            )
 
     def _keep_all(self) -> None:
         """All of the past, in shorter pieces since each is set up anew."""
@@ -476,9 +445,8 @@ def moving(system: Oscillator, driven: npt.NDArray[np.bool_]) -> npt.NDArray[np.
         return np.ones_like(moves)
     if driven.all():
         return moves
-    return np.asarray(
-        _native.call(core.moving_coordinates, system._flat, *system._kernels, moves)[0]
-    )
+    found = _native.run("motion moving coordinates", system._handle, driven=moves)
+    return np.asarray(found["moves"], dtype=np.int32)
 
 
 def history_of(held: npt.ArrayLike | Past | None, n: int) -> tuple[FloatArray, FloatArray]:

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from viscovib import _native
-from viscovib._native import FloatArray, core
+from viscovib._native import FloatArray
 from viscovib.analyses.hereditary import (
     EVER,
     NODES,
@@ -49,10 +49,6 @@ METHODS = {"gauss8": 1, "gauss16": 2, "gauss2": 3, "gauss3": 4} | {
 }
 #: What a system without memory may ask for; the last two are those of systems with memory.
 _EVERY_METHOD = tuple({"auto": 0} | METHODS | NODES)
-#: Numbers that a run needs to go on; the core uses as many as the method has.
-_MEMORY = 256
-#: The same of each coordinate, in the sections of a linear rest.
-_OF_COORDINATE = 14
 #: Coordinates of a polynomial system that explicit methods take: those of a lane of the core.
 MAX_DOF = 6
 #: Methods that take more, by the sections of the linear rest.
@@ -231,7 +227,7 @@ def polynomial_runs(
     if n <= MAX_DOF:
         fastest = system._fastest()
     else:
-        (fastest,) = _native.call(core.polynomial_fastest, system._flat)
+        fastest = _native.run("motion fastest rate", system._handle)["fastest"]
     many = end * max(fastest, highest) / (0.5 * math.pi)
     steps = max(1, math.ceil(min(many, 2.0 * MAX_STEPS)))
     pushed = [False] * n if force is None else [bool(one.any()) for one in pieces]
@@ -253,9 +249,13 @@ def polynomial_runs(
             reach -= float(motion.before[0])
     past = _no_past(n) if motion is None else (motion.held, motion.before, motion.moved)
     cubics = _no_cubics() if motion is None else (motion.base_breaks, motion.base_pieces)
+    loads = {
+        "orders": orders, "series": series, "nu": frequency, "breaks": breaks, "pieces": pieces,
+        "base_breaks": cubics[0], "base_pieces": cubics[1],
+    }  # fmt: skip
     job = (
         flat, orders, series, frequency, breaks, pieces, moves, layers, reach, force, motion,
-        cubics, past,
+        cubics, past, loads, system._handle,
     )  # fmt: skip
     return partial(PolynomialRun.of_job, system, name, state, solved, job), steps
 
@@ -329,14 +329,16 @@ class PolynomialRun(Run):
         super().shake(sign)
         flat = self.job[0].copy()
         flat[_MASS : _MASS + self.state.size**2 // 4] *= 1 - 2 * self.shaken
-        self.job = (flat, *self.job[1:])
+        self.job = (flat, *self.job[1:14], _native.polynomial_object(flat))
 
     def adopt(self, earlier: Run) -> None:
         """Go on from the end of an earlier run: elements remember."""
         super().adopt(earlier)
         self.memory = earlier.memory
         if isinstance(earlier, PolynomialRun):
-            self.job = (*self.job[:8], earlier.job[8], *self.job[9:12], earlier.job[12])
+            self.job = (
+                *self.job[:8], earlier.job[8], *self.job[9:12], earlier.job[12], *self.job[13:]
+            )  # fmt: skip
             self.hidden = earlier.hidden
 
     @property
@@ -362,6 +364,12 @@ class PolynomialRun(Run):
         self.job = (*self.job[:6], np.ones_like(self.job[6]), *self.job[7:])
 
     @property
+    def system_in_core(self) -> _native.Handle:
+        """The system in the core, its numbers other where the run is shaken."""
+        handle: _native.Handle = self.job[14]
+        return handle
+
+    @property
     def motion(self) -> MountMotion | None:
         """How its base moves and what came before it; None: not at all, and nothing."""
         known: MountMotion | None = self.job[10]
@@ -384,11 +392,14 @@ class PolynomialRun(Run):
         held, before, moved = self.job[12]
         return held, before[-1:], moved[:, -1:]
 
-    def _plan(self, end: float, dt: float, tolerance: float, every: int, last: bool) -> bytes:
-        text: bytes = _native.call(
-            core.polynomial_plan, self.job[0], self.job[8], *self.job[1:3], self.begin,
-            end, dt, tolerance, METHODS[self.method], every, int(last),
-        )[0]  # fmt: skip
+    def _plan(self, end: float, dt: float, tolerance: float, every: int, last: bool) -> str:
+        job = self.job
+        text: str = _native.run(
+            "motion plan without memory", self.system_in_core, orders=job[1], series=job[2],
+            reach=float(job[8]), initial=self.begin, t_end=float(end), dt=float(dt),
+            tolerance=float(tolerance), method=METHODS[self.method], save_every=every,
+            last_only=last,
+        )["text"]  # fmt: skip
         return text
 
     def _native_steps(self, count: int, every: int, columns: int, times: FloatArray) -> Piece:
@@ -399,41 +410,19 @@ class PolynomialRun(Run):
                     f"t_end = {until:g}: a run made for t_end = {reach / _REACH:g} with kernels "
                     f"that are not sums of exponentials may go on to {reach:g} at most"
                 )
-        resume = 0 if self.memory is None else 2 if self.anew else 1
-        # Every surface and every state of an element has at least two numbers in the vector.
-        n = self.state.size // 2 + self.hidden
-        room = _MEMORY + _OF_COORDINATE * n + 2 * self.job[0].size
         self.layers.longest = max(self.layers.longest, self.h)
         in_parts = self.layers.seen or (self.memory is not None and bool(self.memory[-2]))
-        piece = Piece(
-            *_native.call_either(
-                count > _native.MANY_STEPS,
-                core.polynomial_simulate,
-                self.job[0],
-                self.job[8],
-                *self.job[1:6],
-                *self.job[11],
-                *(self._past_left() if resume else self.job[12]),
-                *self._mesh_arrays(),
-                METHODS[self.method],
-                int(in_parts),
-                self.h / self.layers.longest,
-                self.job[6] if self.watch is None else np.ones_like(self.job[6]),
-                self.state,
-                self.h,
-                self.solved,
-                self.done,
-                count,
-                every,
-                resume,
-                self.memory if resume else nothing(room),
-                times,
-                columns,
-                *self._watched(),
-            )
-        )
-        self.layers.seen |= bool(piece.memory[-2])
-        return piece
+        held, before, moved = self.job[12] if self.memory is None else self._past_left()
+        ends, made_by = self._mesh_arrays()
+        found = self._task(
+            "motion without memory", self.system_in_core, long=count > _native.MANY_STEPS,
+            count=count, every=every, columns=columns,
+            times=times, held=held, before=before, moved=moved, ends=ends, made_by=made_by,
+            method=METHODS[self.method], in_parts=in_parts, thin=self.h / self.layers.longest,
+            moves=self.job[6], initial=self.state, reach=float(self.job[8]), **self.job[13],
+        )  # fmt: skip
+        self.layers.seen |= bool(found["memory"][-2])
+        return Piece.of(found)
 
 
 class _PendulumRun(Run):
@@ -474,32 +463,21 @@ class _PendulumRun(Run):
         """Compute all coordinates."""
         self.begin = np.ones_like(self.begin)
 
-    def _plan(self, end: float, dt: float, tolerance: float, every: int, last: bool) -> bytes:
-        text: bytes = _native.call(
-            core.pendulum_plan, self.system._flat, self.begin, end, dt, tolerance,
-            METHODS[self.method], every, int(last),
-        )[0]  # fmt: skip
+    def _plan(self, end: float, dt: float, tolerance: float, every: int, last: bool) -> str:
+        text: str = _native.run(
+            "motion plan of pendulum", self.system._handle, initial=self.begin, t_end=float(end),
+            dt=float(dt), tolerance=float(tolerance), method=METHODS[self.method],
+            save_every=every, last_only=last,
+        )["text"]  # fmt: skip
         return text
 
     def _native_steps(self, count: int, every: int, columns: int, times: FloatArray) -> Piece:
-        resume = self.memory is not None and not self.anew
-        return Piece(
-            *_native.call_either(
-                count > _native.MANY_STEPS,
-                core.pendulum_simulate,
-                self.system._flat,
-                METHODS[self.method],
-                1 if self.watch is not None else self.swings,
-                self.state,
-                self.h,
-                self.solved,
-                self.done,
-                count,
-                every,
-                int(resume),
-                self.memory if resume else nothing(_MEMORY),
-                times,
-                columns,
-                *self._watched(),
-            )
-        )
+        if self.anew:
+            # Under other loads it begins at the state, whatever was before.
+            self.memory = None
+        found = self._task(
+            "motion of pendulum", self.system._handle, long=count > _native.MANY_STEPS,
+            count=count, every=every, columns=columns, times=times, initial=self.state,
+            method=METHODS[self.method], swings=self.watch is not None or bool(self.swings),
+        )  # fmt: skip
+        return Piece.of(found)

@@ -8,13 +8,14 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 from viscovib import _native
-from viscovib._native import ComplexArray, FloatArray, core
+from viscovib._native import ComplexArray, FloatArray
 from viscovib.analyses.memoryless import (
     MAX_DOF,
     METHODS,
@@ -68,8 +69,8 @@ class Found(NamedTuple):
 
 def _fastest_of_many(system: PolynomialSystem) -> float:
     """Upper bound of the rates of a linear rest of more coordinates."""
-    (found,) = _native.call(core.polynomial_fastest, system._flat)
-    return float(found)
+    fastest: float = _native.run("motion fastest rate", system._handle)["fastest"]
+    return fastest
 
 
 @dataclass(frozen=True)
@@ -148,6 +149,11 @@ class PeriodMap:
         """Numbers of a state."""
         return 2 * self.n_dof + self.hidden
 
+    @cached_property
+    def system_in_core(self) -> _native.Handle:
+        """The system in the core."""
+        return _native.polynomial_object(self.flat)
+
     @property
     def weights(self) -> FloatArray:
         """Velocities comparable with displacements: divided by the frequency of the load."""
@@ -174,27 +180,20 @@ class PeriodMap:
         beside: bool = True,
     ) -> Ran:
         """Make the motion from a state, in so many steps, optionally with its derivatives."""
-        found = _native.call_either(
-            steps > _native.MANY_STEPS,
-            core.polynomial_period,
-            self.flat,
-            self.orders,
-            self.series,
-            self.nu,
-            METHODS[self.method],
-            min(1.0, self.first_steps / steps),
-            self.period / steps,
-            steps,
-            ROUNDING,
-            state,
-            nothing(0) if times is None else times,
-            int(beside),
-        )
-        last, by_start, at_times, n_reached, passed, known, ended, reached = found
-        outcome = OUTCOMES[int(ended)]
-        if outcome == "completed" and beside and not known:
+        found = _native.run_either(
+            steps > _native.MANY_STEPS, "motion of a period", self.system_in_core,
+            orders=self.orders, series=self.series, nu=float(self.nu),
+            method=METHODS[self.method], thin=min(1.0, self.first_steps / steps),
+            h=self.period / steps, n_steps=steps, tolerance=ROUNDING, begin=state,
+            times=nothing(0) if times is None else times, beside=beside,
+        )  # fmt: skip
+        outcome = OUTCOMES[found["ended"]]
+        if outcome == "completed" and beside and not found["known"]:
             outcome = "grazing"
-        return Ran(last, by_start, at_times.T[:n_reached], int(passed), outcome, float(reached))
+        return Ran(
+            found["last"], found["by_start"], found["at_times"].T[: found["n_reached"]],
+            found["n_passed"], outcome, found["reached"],
+        )  # fmt: skip
 
     def step_back(self, by_start: FloatArray, rest: FloatArray) -> tuple[FloatArray, float]:
         """Newton's step (1 - P')^-1 rest to a state that comes back, and how much it enlarges.

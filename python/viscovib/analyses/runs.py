@@ -15,7 +15,7 @@ import numpy.typing as npt
 from viscovib import _native
 from viscovib._native import FloatArray
 from viscovib.analyses.accuracy import rounding_of
-from viscovib.analyses.events import NOTHING, Watch
+from viscovib.analyses.events import Watch
 from viscovib.bodies.body import Body
 from viscovib.bodies.turning import told_like
 from viscovib.common.counts import things
@@ -192,6 +192,18 @@ class Piece(NamedTuple):
     found: FloatArray
     n_found: int
 
+    @classmethod
+    def of(cls, found: dict[str, Any]) -> Piece:
+        """What a task found."""
+        return cls(
+            found["states"], found["at_times"], found["last"], found["memory"],
+            found["made"], found["n_reached"], found["reached"], found["ended"], found["counted"],
+            found.get("found", _NONE), found.get("n_found", 0),
+        )  # fmt: skip
+
+
+_NONE = np.empty((0, 0))
+
 
 def starting_state(initial: Any, n: int, dof_names: Sequence[str]) -> FloatArray:
     """Return coordinates and velocities to begin with, of n coordinates."""
@@ -241,6 +253,8 @@ class Run(ABC):
     layers: ThinLayers = ThinLayers()
     #: By what part its start and numbers are other where it is shaken, 0: it cannot be.
     shaken: ClassVar[float] = 0.0
+    #: Whether a run without a memory of its own may go on under other loads from its state.
+    remembers_past: ClassVar[bool] = False
     #: Whether equations and kernels are solved to a tolerance, which `sharpen` takes down.
     sharpens: bool = False
     #: How many times as long the steps are as those whose nodes see every layer.
@@ -331,18 +345,43 @@ class Run(ABC):
             return nothing(1), nothing(1, np.int64)
         return self.mesh.ends, self.mesh.made_by
 
-    def _watched(self) -> tuple[FloatArray, npt.NDArray[np.intc], int]:
-        """Return the events as native calls take them, and the room for what is found."""
-        if self.watch is None:
-            return NOTHING
-        return self.watch.vector, self.watch.sides, self.watch.room
+    def _task(
+        self,
+        task: str,
+        *objects: _native.Handle,
+        long: bool,
+        count: int,
+        every: int,
+        columns: int,
+        times: FloatArray,
+        **values: Any,
+    ) -> dict[str, Any]:
+        """Run a task that makes ``count`` steps from the present state, and return what it finds.
+
+        ``long``: whether it may take long.
+        """
+        watch = self.watch
+        if watch is not None:
+            values |= {"watched": watch.vector, "sides": watch.sides, "most": watch.room}
+        resume = 0 if self.memory is None else 2 if self.anew else 1
+        if self.memory is not None:
+            values["memory"] = self.memory
+        elif self.anew and self.remembers_past:
+            resume = 2
+        found = _native.run_either(
+            long, task, *objects, first=self.done, n_steps=count, save_every=every, resume=resume,
+            h=self.h, tolerance=self.solved, times=times, columns=columns, **values,
+        )  # fmt: skip
+        if watch is not None:
+            watch.sides[:] = found["sides"]
+        return found
 
     @abstractmethod
     def _native_steps(self, count: int, every: int, columns: int, times: FloatArray) -> Piece:
         """Make ``count`` steps from the present state."""
 
     @abstractmethod
-    def _plan(self, end: float, dt: float, tolerance: float, every: int, last: bool) -> bytes:
+    def _plan(self, end: float, dt: float, tolerance: float, every: int, last: bool) -> str:
         """Return the core's words about a run to ``end`` in steps dt, 0 if they are sought."""
 
     def plan(self, want: Wanted, end: float, sought: float | None = None) -> Plan:
@@ -350,7 +389,7 @@ class Run(ABC):
         dt = self.h if sought is None else 0.0
         want = want.asked or want
         every, last = min(want.every, np.iinfo(np.int32).max), want.keep == "last"
-        plan = Plan(self._plan(end, dt, sought or self.solved, every, last).decode())
+        plan = Plan(self._plan(end, dt, sought or self.solved, every, last))
         if self.tables:
             lines = [s for s in str(plan).splitlines() if s != "skips: the load (there is none)"]
             plan = Plan("\n".join([*lines, *self.tables]))

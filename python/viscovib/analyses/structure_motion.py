@@ -13,10 +13,10 @@ import numpy as np
 import numpy.typing as npt
 
 from viscovib import _native
-from viscovib._native import FloatArray, core
+from viscovib._native import FloatArray
 from viscovib.analyses.hereditary import FIRST, NODES, PASTS, MountRun, history_of
 from viscovib.analyses.kept_numbers import of_structure
-from viscovib.analyses.runs import MAX_STEPS, Piece, Run, Wanted, starting_state
+from viscovib.analyses.runs import MAX_STEPS, Run, Wanted, starting_state
 from viscovib.analyses.structure_modal import modal_arrays
 from viscovib.common.counts import things
 from viscovib.common.past import Past
@@ -274,6 +274,19 @@ class StructureMotion:
                     stacklevel=caller(),
                 )
 
+    @cached_property
+    def _given(self) -> _native.Handle:
+        """Tables and past in the core."""
+        return _native.Handle(
+            "motion given", breaks=self.breaks, pieces=self.pieces, base_breaks=self.base_breaks,
+            base_pieces=self.base_pieces, held=self.held, before=self.before, moved=self.moved,
+        )  # fmt: skip
+
+    @cached_property
+    def _modes(self) -> tuple[_native.Handle, _native.Handle]:
+        """Elements, and the linear rest with its loads, in the core."""
+        return modes_in_core(self.modal)
+
     @property
     def moves_base(self) -> bool:
         """Whether the base moves."""
@@ -338,12 +351,14 @@ class StructureRun(MountRun):
         super().__init__(motion, tolerance, h, motion.first_kept)
         #: Of the motion; where numbers are other, of it so.
         self.modal = motion.modal
+        #: The same in the core, where numbers are other.
+        self._own_modes: tuple[_native.Handle, _native.Handle] | None = None
         #: Jump of the base, and of its velocity, where other loads begin.
         self.kick = np.zeros(2)
         if motion.follows.any():
             # Where coordinates without mass are at first, the core tells.
-            part = self._call(0, 1, 1, np.zeros(0), 0)[0]
-            self.state = np.asarray(part.last)
+            found = self._found(0, 1, 1, np.zeros(0))
+            self.state = self.state if found["reason"] else found["last"]
 
     def shake(self, sign: int) -> None:
         """The same: forces of loads and elements have other values, by 1 + 2 s."""
@@ -358,6 +373,7 @@ class StructureRun(MountRun):
                 for name in ("pushed", "patterns", "waves", "right", "sine", "cosine")
             }
         )
+        self._own_modes = modes_in_core(self.modal)
 
     def steps(self, n: int, want: Wanted, progress: bool) -> Trajectory:
         """Make n steps."""
@@ -399,71 +415,46 @@ class StructureRun(MountRun):
         n_seen = self.state.size // 2 - self.motion.places.size
         return of_structure(self.memory.size, n_seen, self.motion.modal)
 
-    def _plan(self, end: float, dt: float, tolerance: float, every: int, last: bool) -> bytes:
+    def _plan(self, end: float, dt: float, tolerance: float, every: int, last: bool) -> str:
         motion = self.motion
         q = motion.loaded.condensation.q
         moving = bool(motion.start.any() or motion.speed.any() or motion.before.size > 1)
-        text: bytes = _native.call(
-            core.hereditary_plan, *motion.loaded.job, np.full(2 * q, float(moving)), motion.held,
-            end, dt, tolerance, tuple(reversed(NODES)).index(self.method) + 1,
-            2 if self.past == "exponentials" else 3, every, int(last),
-        )[0]  # fmt: skip
-        lines = text.decode().splitlines()
+        loaded = motion.loaded
+        text = _native.run(
+            "motion plan with memory", loaded._handle, orders=loaded.job[5], series=loaded.job[6],
+            initial=np.full(2 * q, float(moving)), held=motion.held, t_end=float(end),
+            dt=float(dt), tolerance=float(tolerance),
+            method=tuple(reversed(NODES)).index(self.method) + 1,
+            past=2 if self.past == "exponentials" else 3, save_every=every, last_only=last,
+        )["text"]  # fmt: skip
+        lines = text.splitlines()
         nodes = NODES[self.method]
         lines[0] = (
             f"computes: motion to t = {end:g} by {self.method}, forces of elements at "
             f"{things(nodes, 'node')} per step, modes exactly"
         )
         lines.insert(1, f"computes: {motion.loaded.told}")
-        return "\n".join(lines).encode()
+        return "\n".join(lines)
 
-    def _call(
-        self, count: int, every: int, columns: int, times: FloatArray, n_memory: int
-    ) -> tuple[Piece, int, int]:
+    def _found(self, count: int, every: int, columns: int, times: FloatArray) -> dict[str, Any]:
         motion = self.motion
-        memory = np.zeros(n_memory)
-        if self.memory is not None:
-            memory[: self.memory.size] = self.memory
-        given = self.modal | {
-            "breaks": motion.breaks, "pieces": motion.pieces,
-            "base_breaks": motion.base_breaks, "base_pieces": motion.base_pieces,
-            "s": NODES[self.method], "past": PASTS.index(self.past) + 1, "held": motion.held,
-            "before": motion.before, "moved": motion.moved, "kick": self.kick, "h": self.h,
-            "shortest": self.shortest, "kinks": int(self.kinks), "t_end": self.reach,
-            "tolerance": self.solved, "first": self.done, "n_steps": count, "save_every": every,
-            "resume": 2 if self.anew else int(self.memory is not None), "memory": memory,
-            "times": times, "n_states": columns,
-        }  # fmt: skip
-        given["ends"], given["made_by"] = self._mesh_arrays()
-        given["watched"], given["sides"], given["most"] = self._watched()
-        (
-            states, at_times, last, kept, n_kept, made, n_reached, reached, ended, counted, rough,
-            reason, found, n_found, too_long, phased,
-        ) = _native.call_either(
-            self._takes_long(count), partial(core.structure_simulate, **given)
+        modes = self._own_modes or motion._modes
+        ends, made_by = self._mesh_arrays()
+        found = self._task(
+            "motion of structure", *modes, motion._given, long=self._takes_long(count),
+            count=count, every=every, columns=columns, times=times, nodes=NODES[self.method],
+            past=PASTS.index(self.past) + 1, kick=self.kick, shortest=self.shortest,
+            kinks=bool(self.kinks), t_end=self.reach, ends=ends, made_by=made_by,
         )  # fmt: skip
-        self.resolution = float(rough)
-        self.too_long = max(self.too_long, float(too_long))
-        phased = phased[: 2 * motion.places.size]
+        phased = found["phased"][: 2 * motion.places.size]
         self.by_phases = max(self.by_phases, float(phased.max(initial=0.0)))
-        self._refuse(reason)
-        if reason == self.too_large:
-            ended, reached = self.coarse, self.time
-            last = self.state
-        part = Piece(
-            states,
-            at_times,
-            last,
-            kept[:n_kept],
-            made,
-            n_reached,
-            reached,
-            ended,
-            counted,
-            found,
-            n_found,
-        )
-        return part, n_kept, reason
+        return found
+
+
+def modes_in_core(modal: dict[str, Any]) -> tuple[_native.Handle, _native.Handle]:
+    """Elements, and the linear rest with its loads, as objects of the core."""
+    rest = {name: value for name, value in modal.items() if name != "elements"}
+    return _native.polynomial_object(modal["elements"]), _native.Handle("motion given", **rest)
 
 
 def goes_condensed(system: object) -> TypeGuard[Condensed]:

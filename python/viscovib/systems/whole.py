@@ -11,7 +11,7 @@ from weakref import WeakKeyDictionary
 import numpy as np
 
 from viscovib import _native
-from viscovib._native import FloatArray, core
+from viscovib._native import FloatArray
 from viscovib.errors import InputError
 from viscovib.systems.element_laws import Monomials, add_force
 from viscovib.systems.elements import coupling_terms
@@ -94,7 +94,7 @@ class _Whole(PolynomialSystem):
     """All coordinates of a structure: as many as motions in time take."""
 
     def _check_large(self) -> None:
-        _native.call(core.polynomial_check, self._vector)
+        _native.polynomial_object(self._vector)
 
 
 @once_each
@@ -196,8 +196,8 @@ def n_hidden(system: PolynomialSystem, h: float = 0.0, reach: float = 0.0) -> tu
     # The fourth number counts kernels.
     if not flat[3]:
         return 0, False
-    count, fitted = _native.call(core.hidden_coordinates, flat, h, reach)
-    return int(count), bool(fitted)
+    found = _native.run("motion hidden coordinates", system._handle, h=float(h), reach=float(reach))
+    return found["n_hidden"], bool(found["fitted"])
 
 
 def _n_products(on: Mapping[int, float], factors: list[tuple[dict[int, float], int]]) -> int:
