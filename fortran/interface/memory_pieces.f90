@@ -9,8 +9,8 @@ module viscovib_memory_pieces
   use viscovib_load, only: load_type
   use viscovib_mesh, only: mesh_type, new_mesh
   use viscovib_modal_maps, only: sections_type
-  use viscovib_motion_piece, only: from_start, memory_under_other_loads, piece_type, &
-    polynomial_of, take_up_memory, under_other_loads
+  use viscovib_motion_piece, only: from_start, memory_under_other_loads, moves_of, &
+    piece_type, polynomial_of, take_up_memory, under_other_loads
   use viscovib_oscillator, only: oscillator_type
   use viscovib_polynomial, only: polynomial_type
   use viscovib_reduction, only: reduce, state_mask
@@ -30,8 +30,8 @@ contains
   !! Given besides what pieces are: `initial` (2 n), `frequencies` (k) and `amplitudes` (n, k) of
   !! the load Im sum_k amplitudes(:, k) exp(i frequencies(k) t), its cubics `pieces` (n, 4, b)
   !! between `breaks` (b); the base by `waves` (w, k), w = 1: along the direction of the system, and
-  !! by the cubics `base_pieces` (4, w, c) between `base_breaks` (c = 1: none), its acceleration being in
-  !! the load already; `ends` and `made_by` of the steps; `nodes` a step; `past`: 1 exponentials, 2
+  !! by the cubics `base_pieces` (4, w, c) between `base_breaks` (c = 1: none), its acceleration
+  !! being in the load already; `ends` and `made_by` of the steps; `nodes` a step; `past`: 1 exponentials, 2
   !! step by step; `held` (n): the displacement for all t < 0, or before the first of the times
   !! `before` (m) with displacements `moved` (n, m), ascending to 0; `moves` (n), see 'moving
   !! coordinates'; `shortest`: steps after corners of the load, and with `kinks` of the base, are
@@ -66,14 +66,11 @@ contains
     before => task%get_reals('before')
     moved => task%get_matrix('moved')
     nodes = task%get_integer('nodes')
-    moves = task%get_integers('moves') /= 0
+    moves = moves_of(task, piece, n)
     call task%check_extents('initial', shape(initial), [2*n])
     call task%check_extents('held', shape(held), [n])
     call task%check_extents('moved', shape(moved), [n, size(before)])
-    call task%check_extents('moves', shape(moves), [n])
     if (task%failed()) return
-    ! Watched motions have all coordinates computed.
-    if (piece%is_watched) moves = .true.
     dofs = pack([(i, i=1, n)], moves)
     rows = pack([(i, i=1, 2*n)], state_mask(moves))
     if (size(dofs) < n) then

@@ -11,7 +11,7 @@ module viscovib_motion_piece
   implicit none
   private
 
-  public :: memory_under_other_loads, piece_type, polynomial_of, load_of, take_up_memory
+  public :: memory_under_other_loads, moves_of, piece_type, polynomial_of, load_of, take_up_memory
 
   !> How a run goes on: from a start, as before, or under other loads.
   integer, parameter, public :: from_start = 0, under_other_loads = 2
@@ -45,7 +45,7 @@ contains
 
   !> What every piece is given: `first`, `n_steps`, `save_every`, `resume`, `h`, `tolerance`,
   !! `times` (n), `columns`: states kept; with resume > 0 `memory`; with events `watched`, `sides`
-  !! and `most` passages that are told.
+  !! and `most`: passages found at most.
   subroutine read_piece(self, task, n_rows, n_observed)
     class(piece_type), intent(out) :: self
     type(task_type), intent(inout) :: task
@@ -108,6 +108,17 @@ contains
       call found%put_integers('sides', self%sides, shape(self%sides))
     end associate
   end subroutine put_piece
+
+  !> Which of n coordinates move, `moves` (n); all of watched motions are computed.
+  function moves_of(task, piece, n) result(moves)
+    type(task_type), intent(inout) :: task
+    type(piece_type), intent(in) :: piece
+    integer, intent(in) :: n
+    logical, allocatable :: moves(:)
+    moves = task%get_integers('moves') /= 0
+    call task%check_extents('moves', shape(moves), [n])
+    if (piece%is_watched) moves = .true.
+  end function moves_of
 
   !> A failure where a run is to go on with less than it needs.
   subroutine take_up_memory(task, piece, needed)

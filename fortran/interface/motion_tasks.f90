@@ -3,7 +3,6 @@
 !! A run goes piece by piece. What it needs to go on is `memory`, which a piece finds and the next
 !! one is given.
 module viscovib_motion_tasks
-  use viscovib_binding_tools, only: make_load
   use viscovib_fitted_memory, only: bound_hidden, copy_system, fit_memory, needs_fit
   use viscovib_fitted_motion, only: new_fitted_motion
   use viscovib_hereditary_job, only: hereditary_job, plan_hereditary
@@ -16,7 +15,7 @@ module viscovib_motion_tasks
   use viscovib_mesh, only: mesh_type, new_mesh
   use viscovib_method_catalogue, only: new_stepper
   use viscovib_motion_beside, only: motion_beside
-  use viscovib_motion_piece, only: from_start, piece_type, polynomial_of, load_of, &
+  use viscovib_motion_piece, only: from_start, load_of, moves_of, piece_type, polynomial_of, &
     take_up_memory, under_other_loads
   use viscovib_motion_slopes, only: has_slopes
   use viscovib_oscillator, only: oscillator_type
@@ -157,14 +156,13 @@ contains
     type(polynomial_motion_type) :: motion
     type(load_type) :: load, part
     class(stepper_type), allocatable :: stepper
-    type(watch_type) :: watch
     type(mesh_type) :: mesh
-    real(wp), allocatable :: states(:, :), at_times(:, :), q(:), v(:)
+    real(wp), allocatable :: q(:), v(:)
     real(wp), pointer, contiguous :: initial(:), memory(:)
     logical, allocatable :: moves(:)
     integer, allocatable :: dofs(:), rows(:)
     real(wp) :: start
-    integer :: i, n, n_all, n_memory
+    integer :: i, n, n_all
 
     system => polynomial_of(task)
     if (task%failed()) return
@@ -172,9 +170,7 @@ contains
     call piece%read(task, 2*n_all, 3*n_all + 4)
     initial => task%get_reals('initial')
     call task%check_extents('initial', shape(initial), [2*n_all])
-    moves = task%get_integers('moves') /= 0
-    call task%check_extents('moves', shape(moves), [n_all])
-    if (piece%is_watched) moves = .true.
+    moves = moves_of(task, piece, n_all)
     if (.not. task%failed()) call load_of(task, n_all, load)
     if (task%failed()) return
     dofs = pack([(i, i=1, n_all)], moves)
@@ -205,7 +201,6 @@ contains
       call take_up_memory(task, piece, 2*motion%n_dof + motion%n_switches() + 3)
       if (task%failed()) return
       memory => piece%memory
-      n_memory = size(memory)
     end if
     if (piece%resume == under_other_loads) then
       ! What is remembered goes on: all coordinates, then all velocities.
@@ -214,38 +209,82 @@ contains
     end if
     call new_stepper(stepper, motion, task%get_integer('method'), q, v, start, mesh%h(i), &
                      piece%tolerance)
-    if (piece%resume == from_start) then
-      n_memory = 0
-    else
+    if (piece%resume /= from_start) then
+      call go_on(task, piece, motion, stepper, start, maxval(abs(initial)))
+    end if
+    if (task%failed()) return
+    call make_steps(piece, motion, stepper, mesh, dofs, rows)
+    i = stepper%memory_size()
+    piece%kept = [stepper%save_memory(), motion%keep_switches(), motion%grade, &
+                  merge(1.0_wp, 0.0_wp, motion%in_parts), real(i, wp)]
+    q = stepper%q
+    v = stepper%v
+    call motion%add_base(piece%t_reached, q, v)
+    piece%last = initial
+    piece%last(2*dofs - 1) = q(:n)
+    piece%last(2*dofs) = v(:n)
+    piece%counted = stepper%n_evaluations
+    call piece%put(task)
+  end subroutine run_polynomial
+
+  !> Take up what the piece before kept: the method, or under other loads what elements remember.
+  subroutine go_on(task, piece, motion, stepper, start, largest)
+    type(task_type), intent(inout) :: task
+    type(piece_type), intent(in) :: piece
+    type(polynomial_motion_type), intent(inout) :: motion
+    class(stepper_type), intent(inout) :: stepper
+    real(wp), intent(in) :: start
+    !> Largest number of the state at the start.
+    real(wp), intent(in) :: largest
+    real(wp), dimension(motion%n_dof) :: q, v
+    integer :: i, n
+
+    associate (memory => piece%memory)
       if (piece%resume /= under_other_loads) then
         call take_up_memory(task, piece, stepper%memory_size() + motion%n_switches() + 3)
         if (task%failed()) return
         call stepper%load_memory(memory(:stepper%memory_size()))
       end if
       ! Behind what the method kept under the loads before, which may have been as many or not.
-      i = nint(memory(n_memory))
-      if (i < 0 .or. i + motion%n_switches() > n_memory - 3) then
-        call take_up_memory(task, piece, n_memory + 1)
+      n = size(memory)
+      i = nint(memory(n))
+      if (i < 0 .or. i + motion%n_switches() > n - 3) then
+        call take_up_memory(task, piece, n + 1)
         return
       end if
       call motion%recall_switches(memory(i + 1:i + motion%n_switches()))
       motion%begins = piece%resume == under_other_loads
-      motion%grade = memory(n_memory - 2)
-    end if
-    if (piece%resume == under_other_loads .and. allocated(motion%sides)) then
+      motion%grade = memory(n - 2)
+      if (.not. (motion%begins .and. allocated(motion%sides))) return
       ! The base may go on with another velocity.
       i = merge(max_dof, motion%n_dof, stepper%explicit)
-      call motion%jump_on(start, q, memory(i + 1:i + motion%n_dof), maxval(abs(initial)), v)
+      q = stepper%q
+      v = stepper%v
+      call motion%jump_on(start, q, memory(i + 1:i + motion%n_dof), largest, v)
       if (any(abs(v - stepper%v) > 0.0_wp)) call stepper%put(q, v)
-    end if
+    end associate
+  end subroutine go_on
+
+  !> The steps of a piece, in the coordinates `dofs`, whose numbers of a state are `rows`.
+  subroutine make_steps(piece, motion, stepper, mesh, dofs, rows)
+    type(piece_type), intent(inout) :: piece
+    type(polynomial_motion_type), intent(inout) :: motion
+    class(stepper_type), intent(inout) :: stepper
+    type(mesh_type), intent(in) :: mesh
+    integer, intent(in) :: dofs(:), rows(:)
+    type(watch_type) :: watch
+    real(wp), allocatable :: states(:, :), at_times(:, :)
+    integer :: i
+
     if (piece%is_watched) then
       ! All coordinates are computed then.
-      call new_watch(watch, renumbered(piece%watched, n, [(i, i=1, motion%n_dof)]), piece%sides)
+      call new_watch(watch, renumbered(piece%watched, size(dofs), [(i, i=1, motion%n_dof)]), &
+                     piece%sides)
       call simulate(stepper, motion, piece%first, piece%n_steps, piece%save_every, piece%times, &
                     piece%states, piece%at_times, piece%n_done, piece%n_reached, &
                     piece%t_reached, piece%ended, mesh, watch)
       call piece%hand_over(watch)
-    else if (n == n_all) then
+    else if (size(rows) == size(piece%states, 1)) then
       call simulate(stepper, motion, piece%first, piece%n_steps, piece%save_every, piece%times, &
                     piece%states, piece%at_times, piece%n_done, piece%n_reached, &
                     piece%t_reached, piece%ended, mesh)
@@ -259,18 +298,7 @@ contains
       piece%states(rows, :) = states
       piece%at_times(rows, :) = at_times
     end if
-    i = stepper%memory_size()
-    piece%kept = [stepper%save_memory(), motion%keep_switches(), motion%grade, &
-                  merge(1.0_wp, 0.0_wp, motion%in_parts), real(i, wp)]
-    q = stepper%q
-    v = stepper%v
-    call motion%add_base(piece%t_reached, q, v)
-    piece%last = initial
-    piece%last(2*dofs - 1) = q(:n)
-    piece%last(2*dofs) = v(:n)
-    piece%counted = stepper%n_evaluations
-    call piece%put(task)
-  end subroutine run_polynomial
+  end subroutine make_steps
 
   !> What was before a motion, which hidden coordinates remember.
   subroutine begin_past(task, motion, reduced, taken, dofs)
@@ -316,13 +344,13 @@ contains
     end if
   end subroutine add_tables
 
-  !> A motion of a polynomial system from t = 0, in `n_steps` equal steps `h`, and what small
-  !! disturbances of its start have become at the end: `by_start`(i, j) is the derivative of number
-  !! i of the last state by number j of the first. With `beside` false they are not followed, and
-  !! `known` is 0: the motion alone takes far less time. A state are coordinates and velocities by
-  !! turns, then the rates of what is remembered; `begin` is the first. The load as of a run without
-  !! memory. `at_times`: states at the ascending `times`, `n_reached` of them, without what is
-  !! remembered. `n_passed`: surfaces passed; `known` = 0: disturbances are not known.
+  !> A motion of a polynomial system from t = 0, in `n_steps` equal steps `h`, and the derivatives of
+  !! its end: `by_start`(i, j) is the derivative of number i of the last state by number j of the
+  !! first. Without `neighbours` they are not computed, and `known` is 0: the motion alone takes far
+  !! less time. A state are coordinates and velocities alternately, then the rates of hidden states;
+  !! `begin` is the first. The load as of a run without memory. `at_times`: states at the ascending
+  !! `times`, `n_reached` of them, without hidden states. `n_passed`: surfaces crossed; `known` = 0:
+  !! the derivatives are unknown.
   subroutine run_period(task)
     type(task_type), intent(inout) :: task
     type(polynomial_type), pointer :: system
@@ -366,7 +394,7 @@ contains
     allocate (at_times(2*n, size(times)), by_start(size(begin), size(begin)), source=0.0_wp)
     n_passed = 0
     known = .false.
-    if (task%get_flag('beside')) then
+    if (task%get_flag('neighbours')) then
       call along%begin(motion%n_dof)
       call simulate(stepper, motion, 0_i8, n_steps, 1_i8, times, none, at_times, n_done, &
                     n_reached, t_reached, ended, beside=along)

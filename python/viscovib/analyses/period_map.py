@@ -185,7 +185,7 @@ class PeriodMap:
             orders=self.orders, series=self.series, nu=float(self.nu),
             method=METHODS[self.method], thin=min(1.0, self.first_steps / steps),
             h=self.period / steps, n_steps=steps, tolerance=ROUNDING, begin=state,
-            times=nothing(0) if times is None else times, beside=beside,
+            times=nothing(0) if times is None else times, neighbours=beside,
         )  # fmt: skip
         outcome = OUTCOMES[found["ended"]]
         if outcome == "completed" and beside and not found["known"]:
