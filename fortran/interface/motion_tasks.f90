@@ -344,8 +344,8 @@ contains
     end if
   end subroutine add_tables
 
-  !> A motion of a polynomial system from t = 0, in `n_steps` equal steps `h`, and the derivatives of
-  !! its end: `by_start`(i, j) is the derivative of number i of the last state by number j of the
+  !> A motion of a polynomial system from t = 0, in `n_steps` equal steps `h`, and the derivatives
+  !! of its end: `by_start`(i, j) is the derivative of number i of the last state by number j of the
   !! first. Without `neighbours` they are not computed, and `known` is 0: the motion alone takes far
   !! less time. A state are coordinates and velocities alternately, then the rates of hidden states;
   !! `begin` is the first. The load as of a run without memory. `at_times`: states at the ascending
