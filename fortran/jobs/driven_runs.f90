@@ -69,6 +69,7 @@ contains
     if (counting) call count_up(counted_runs, 1)
     every = job%steps_apart(n, thinning)
     trajectory%h = job%t_end/real(n, wp)
+    trajectory%keeps_energy = self%system%keeps_energy
     call set_ok(status)
     call self%system%start(0.0_wp, job%initial(1::2), job%initial(2::2), q, v)
     call new_stepper(stepper, self%system, job%method, q, v, 0.0_wp, trajectory%h, job%solved())

@@ -24,6 +24,10 @@ module viscovib_trajectory
   integer, parameter :: windows = 8
   real(wp), parameter :: beyond = 1024.0_wp, steady = 16.0_wp
 
+  !> Relative change of the period of a motion without damping by the rounding errors of a step, in
+  !! units of epsilon: a bound of what is measured.
+  real(wp), parameter :: drift = 1.0_wp/64.0_wp
+
   !> Halvings of the step before a tolerance is given up, and while two runs end unlike each
   !! other.
   integer, parameter :: min_halvings = 5, max_unlike = 9
@@ -45,6 +49,8 @@ module viscovib_trajectory
     !> What rounding of frequencies computed beforehand makes of states, which all runs share.
     real(wp) :: by_phases = 0.0_wp
     integer(i8) :: n_steps = 0
+    !> True if rounding errors of the energy accumulate from step to step.
+    logical :: keeps_energy = .false.
     !> How many times as long the steps are as those whose nodes see every thin layer of a law.
     real(wp) :: too_long = 0.0_wp
     !> Whether steps go over kinks and jumps of laws, so that errors are no power of the step.
@@ -159,16 +165,18 @@ contains
   !! change of the motion within the rounding errors of times and frequencies.
   pure real(wp) function rounding_of(run) result(rounding)
     type(trajectory_type), intent(in) :: run
-    real(wp) :: pace
+    real(wp) :: pace, of_times
     integer :: i
     rounding = max(4.0_wp*epsilon(1.0_wp), run%represented)*maxval(abs(run%states))
     if (run%outcome /= run_diverged) rounding = max(rounding, run%by_phases)
     if (run%outcome /= run_completed) return
+    of_times = epsilon(1.0_wp)
+    if (run%keeps_energy) of_times = of_times*max(1.0_wp, run%n_steps*drift)
     do i = 1, size(run%t)
       pace = maxval(abs(run%states(2::2, i)))
       if (i > 1) pace = max(pace, maxval(abs(run%states(:, i) - run%states(:, i - 1))) &
                             /(run%t(i) - run%t(i - 1)))
-      rounding = max(rounding, epsilon(1.0_wp)*(pace*run%t(i)))
+      rounding = max(rounding, of_times*(pace*run%t(i)))
     end do
   end function rounding_of
 

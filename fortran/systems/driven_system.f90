@@ -42,6 +42,8 @@ module viscovib_driven_system
     logical :: timed = .false.
     !> Where that piece begins and ends.
     real(wp) :: present_piece(2) = 0.0_wp
+    !> True if a nonlinear system has no damping: rounding errors of its energy accumulate.
+    logical :: keeps_energy = .false.
     !> Whether the coordinates can leave what the equations describe.
     logical :: limited = .true.
     !> What its numbers may be.

@@ -2,6 +2,7 @@
 
 import math
 
+import mpmath
 import numpy as np
 import pytest
 import viscovib as vv
@@ -70,6 +71,24 @@ def test_the_size_of_a_motion_is_not_that_of_its_last_state(start, end, wanted):
     for kept in ({"keep": "last"}, {"times": [end]}):
         run = vv.simulate(linear, end, initial=start, **kept, **wanted)
         np.testing.assert_allclose(run.state[-1], turned, rtol=0, atol=1e-12)
+
+
+def test_errors_of_long_motions_without_damping_are_bounded():
+    """Rounding errors of the energy accumulate: the phase error grows as the square of the time."""
+    rng = np.random.default_rng(13)
+    periods = 10_000
+    for _ in range(4):
+        cubic, size = rng.uniform([0.2, 0.5], [1.0, 1.2]).tolist()
+        with mpmath.workdps(40):
+            squared = mpmath.mpf(cubic) * mpmath.mpf(size) ** 2
+            end = 2 * math.pi * periods
+            phase, m = mpmath.sqrt(1 + squared) * mpmath.mpf(end), squared / (2 + 2 * squared)
+            right = float(size * mpmath.ellipfun("cn", phase, m=m))
+        system = vv.PolynomialSystem(mass=1, stiffness=1, forces=f"{cubic!r}*x^3")
+        run = vv.simulate(
+            system, end, initial=[size, 0], keep="last", dt=0.1 * math.pi, estimate_error=True
+        )
+        assert abs(run.state[-1, 0] - right) <= run.error < 1e-6
 
 
 @pytest.mark.parametrize("size", [1e-9, 1.0, 1e4])

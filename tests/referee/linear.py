@@ -131,6 +131,41 @@ def _fourier(rng, index):
     return Case(call, judge)
 
 
+def _held(rng, index):
+    """Coordinates held by huge numbers on the diagonal of K or M: the rest by dense algebra."""
+    n = int(rng.integers(3, 7))
+    a, b = rng.normal(size=(2, n, n)).round(3)
+    stiffness, mass = 100 * (a @ a.T + 0.3 * np.eye(n)), b @ b.T / n + np.eye(n)
+    damping = 0.05 * mass + 1e-3 * stiffness
+    fixed = rng.permutation(n)[: int(rng.integers(1, n - 1))]
+    free = np.setdiff1d(np.arange(n), fixed)
+    held, heavy = stiffness.copy(), mass.copy()
+    (heavy if index % 2 else held)[fixed, fixed] = 10.0 ** int(rng.integers(26, 50))
+    nu = [few(rng, 1, 30) for _ in range(3)]
+    name = f"x{free[-1] + 1}"
+    call = f"""system = vv.Structure(
+    mass={numbers(heavy)}, stiffness={numbers(held)}, damping={numbers(damping)},
+)
+r = vv.forced_response(system, {nu}, load={{{name!r}: 1.0}}, method="linear")
+amplitudes, supports = r.amplitude({name!r}), list(system.supports)
+"""
+
+    def judge(names, told):
+        inner = np.ix_(free, free)
+        true, off = [], []
+        for x in nu:
+            whole = stiffness[inner] - x**2 * mass[inner] + 1j * x * damping[inner]
+            true.append(abs(np.linalg.inv(whole)[-1, -1]))
+            off.append(1e-14 * np.linalg.cond(whole) * true[-1])
+        yield Claim("amplitude between supports", names["amplitudes"], np.array(true), off, 5)
+        yield Claim("supports", np.array(sorted(names["supports"])),
+                    np.array(sorted(f"x{j + 1}" for j in fixed)))  # fmt: skip
+
+    return Case(call, judge)
+
+
 def case(rng, index):
     """Draw a system, and ask for its modes or its response."""
+    if index % 12 == 11:
+        return _held(rng, index // 12)
     return (_modes, _response, _response, _fourier)[index % 4](rng, index // 4)

@@ -2,6 +2,7 @@
 
 import math
 
+import mpmath
 import numpy as np
 
 from referee.case import Case, Claim, even, few
@@ -444,6 +445,26 @@ at = vv.simulate(system, 20, dt=0.25, initial={state}, times={times.tolist()}).s
     return Case(call, judge)
 
 
+def _long(rng, index):
+    """Many periods without damping against Jacobi's elliptic function, in 40 digits."""
+    cubic, size = even(rng, 0.2, 1.0, 3), even(rng, 0.5, 1.2, 3)
+    end = even(rng, 2e4, 1e5, 3)
+    call = f"""system = vv.PolynomialSystem(mass=1, stiffness=1, forces="{cubic}*x^3")
+run = vv.simulate(system, {end}, initial=[{size}, 0], keep="last", tolerance=1e-6)
+last, error, outcome = run.state[-1, 0], run.error, run.outcome
+"""
+
+    def judge(names, told):
+        with mpmath.workdps(40):
+            squared = mpmath.mpf(cubic) * mpmath.mpf(size) ** 2
+            phase, m = mpmath.sqrt(1 + squared) * mpmath.mpf(end), squared / (2 + 2 * squared)
+            true = float(size * mpmath.ellipfun("cn", phase, m=m))
+        yield Claim("completed", names["outcome"], "completed")
+        yield Claim("after many periods", names["last"], true, names["error"], damage=1e-3)
+
+    return Case(call, judge, may_refuse=False)
+
+
 def case(rng, index):
     """Draw a motion."""
     kinds = (
@@ -458,6 +479,8 @@ def case(rng, index):
         _resumed,
         _smooth,
     )
+    if index % 40 == 15:
+        return _long(rng, index // 40)
     if index % 10 == 5 and index % 20 == 5:
         return _base_table(rng, index // 20)
     if index % 10 in (1, 2, 3, 9):

@@ -530,6 +530,41 @@ nu = vv.MultipleScales(system).backbone(0, [{b}])
     return Case(call, judge, may_refuse=True)
 
 
+def _subharmonic(rng, index):
+    """Stable motions of three periods of a load, by harmonic balance from a grid of starts."""
+    p = even(rng, 3.03, 3.15, 4)
+    damping, size, cubic = few(rng, 1e-3, 5e-3, 2), even(rng, 0.5, 1.2, 3), even(rng, 0.1, 0.4, 3)
+    model = Draft([1.0], [[damping]], [[1.0]], [Term(cubic, (3,), 0)]).model()
+    call = f"""system = {model.source}
+s = vv.MultipleScales(system, load={size}, nu={p}).response("nu", [{p}])
+moving = int((s.stable & (abs(s.amplitudes[:, 0]) > 1e-3)).sum())
+complete = s.complete
+"""
+
+    def judge(names, told):
+        balance, nu = Balance(model, 21), p / 3
+        load = load_rows(balance, {3: np.array([1j * size])})
+        forced = 1j * size / model.dynamic_stiffness(p)[0, 0]
+        found = []
+        for a in (0.3, 0.5, 0.7, 0.9):
+            for turn in np.arange(12) * np.pi / 6:
+                start = np.array([[a * np.exp(1j * turn), forced]])
+                x = balance.solve(balance.real(start, np.array([1, 3])), nu, load)
+                if x is None:
+                    continue
+                x = balance.complex(x)
+                if abs(x[0, 1]) < 1e-3 or any(abs(x - y).max() < 1e-6 for y in found):
+                    continue
+                if abs(multipliers(model, x, nu, 128)[0][0]) < 1 - 1e-4:
+                    found.append(x)
+        # Large motions are out of the range of the expansion.
+        near = [x for x in found if abs(x[0, 1]) < 0.8]
+        enough = names["moving"] >= len(near) or not names["complete"]
+        yield Claim("subharmonic motions are listed", bool(enough), True)
+
+    return Case(call, judge)
+
+
 def case(rng, index):
     """Draw a system and what is expanded."""
     kinds = (
@@ -545,4 +580,6 @@ def case(rng, index):
         _parametric,
         _beating,
     )
+    if index % 22 == 18:
+        return _subharmonic(rng, index // 22)
     return kinds[index % 11](rng, index // 11 * 2 + (index % 11 in (3, 9)))

@@ -27,6 +27,7 @@ from viscovib.errors import InputError
 from viscovib.results.trajectory import OUTCOMES, Trajectory
 from viscovib.systems.oscillators import Oscillator
 from viscovib.systems.pendulum import Pendulum
+from viscovib.systems.polynomial_system import PolynomialSystem
 
 MAX_STEPS = 10**12
 #: Numbers that a run keeps at most: 1 GiB.
@@ -38,6 +39,9 @@ ROUNDING = 1e-15
 SHAKEN = 2.0**-40
 #: Relative error of the time of a stop inside a step.
 LOCATED = 1e-12
+#: Relative change of the period of a motion without damping by the rounding errors of a step, in
+#: units of epsilon: a bound of what is measured.
+_DRIFT = 1 / 64
 #: Halvings of the step before a tolerance is given up, and while two runs end unlike each other.
 _MIN_HALVINGS, _MAX_HALVINGS, _MAX_UNLIKE = 5, 12, 9
 #: How many times as large a motion is that has run away.
@@ -171,7 +175,17 @@ def _rounding_of_times(run: Trajectory) -> float:
         steps = np.abs(np.diff(run.state, axis=0)).max(axis=1)
         lengths = np.maximum(np.diff(run.t), np.finfo(float).smallest_subnormal)
         moved[1:] = np.maximum(moved[1:], steps * (run.t[1:] / lengths))
-    return float(np.finfo(float).eps * moved.max())
+    grown = max(1.0, _DRIFT * run.stats["steps"]) if _keeps_energy(run.system) else 1.0
+    return float(grown * np.finfo(float).eps * moved.max())
+
+
+def _keeps_energy(system: object) -> bool:
+    """Return True if a nonlinear system has no damping: rounding errors of energy accumulate."""
+    if not isinstance(system, PolynomialSystem) or system._damping.any() or system._active_kernels:
+        return False
+    return any(group.forces for group in system.groups) and not any(
+        group.laws for group in system.groups
+    )
 
 
 class Piece(NamedTuple):
