@@ -13,7 +13,7 @@ module viscovib_flight
   use viscovib_lanes, only: max_dof, n_lanes
   use viscovib_run_history, only: run_history
   use viscovib_stops, only: find_stop, least_between, needs_small_steps, run_coarse, &
-    run_completed, stop_type
+    run_completed, stop_type, within_reach
   implicit none
   private
 
@@ -247,7 +247,7 @@ contains
       least = least_between(margin_before, rate_before, f%margin, f%rate)
       if (f%method%table%implicit) least = min(least, f%method%margin_at_nodes(system))
       do l = 1, n_lanes
-        if (doubtful(l) .or. .not. f%alive(l)) cycle
+        if (doubtful(l) .or. .not. f%alive(l) .or. least(l) > within_reach) cycle
         doubtful(l) = needs_small_steps(motion, l, f%q_before(l, :f%n), f%v_before(l, :f%n), &
                                         block%h(l), least(l))
       end do
@@ -282,8 +282,13 @@ contains
     type(flight_type), intent(inout) :: f
     class(driven_system_type), intent(in) :: system
     real(wp), intent(in) :: h(n_lanes)
+    real(wp) :: ahead(n_lanes, system%n_dof)
+    integer :: d
+    do d = 1, system%n_dof
+      ahead(:, d) = f%q(:, d) + h*f%v(:, d)
+    end do
     f%margin = system%margin(f%q)
-    f%rate = system%margin(f%q + spread(h, 2, system%n_dof)*f%v) - f%margin
+    f%rate = system%margin(ahead) - f%margin
   end subroutine measure_margin
 
   !> Whether the motion of a lane stops inside step i, and where.

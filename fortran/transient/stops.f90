@@ -45,9 +45,11 @@ module viscovib_stops
   !! edge of the physics, where the margin is less.
   integer, parameter :: max_steps = 2000, max_near = 100000
   real(wp), parameter :: near = 0.1_wp
-  !> Margin below which damping may be fast, its rate times the step from which on a step of the run
-  !! may be wrong, and what of it belongs to the relative change of the margin.
-  real(wp), parameter :: within_reach = 0.5_wp, fast = 1.0_wp, of_change = 2.5_wp
+  !> Margin below which damping may be fast.
+  real(wp), parameter, public :: within_reach = 0.5_wp
+  !> The rate of damping times the step from which on a step of the run may be wrong, and what of it
+  !! belongs to the relative change of the margin.
+  real(wp), parameter :: fast = 1.0_wp, of_change = 2.5_wp
   !> Rate of damping times the step beyond which small steps are implicit: explicit ones, where the
   !! motion limits them and not their stability, are shorter.
   real(wp), parameter :: stiff = 3.0_wp
