@@ -1,10 +1,41 @@
-!> Tasks about many motions side by side, and basins.
+!> Tasks about many motions side by side, and basins of attraction.
 module viscovib_ensemble_tasks
+  use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
+  use viscovib_basin_rules, only: disturbances, find_orbits, judge_orbit
+  use viscovib_binding_tools, only: make_pendulum
+  use viscovib_ensemble, only: blocks_of, check_method, ensemble_block, ensemble_job, run_block, &
+    run_together
+  use viscovib_ensemble_tools, only: empty_block, fill_block
+  use viscovib_kinds, only: i8, wp
+  use viscovib_lane_motion, only: lane_motion_type, new_lane_motion
+  use viscovib_lanes, only: n_lanes
+  use viscovib_load, only: load_type
+  use viscovib_motion_piece, only: load_of
+  use viscovib_pendulum, only: pendulum_type
+  use viscovib_polynomial, only: polynomial_type
+  use viscovib_status, only: fail, status_input_error
+  use viscovib_stopping, only: is_set
+  use viscovib_system_vector, only: polynomial_from_vector
   use viscovib_task, only: task_type
   implicit none
   private
 
   public :: ensemble_task
+
+  !> What all runs are given and find; what is not wanted has no columns.
+  type :: runs_type
+    type(ensemble_job) :: job
+    real(wp), pointer, contiguous :: initial(:, :), h(:)
+    real(wp), allocatable, dimension(:, :) :: state, peak, mean, rms, lyapunov, lyapunov_error
+    real(wp), allocatable :: t_reached(:), sections(:, :, :)
+    complex(wp), allocatable :: amplitudes(:, :, :)
+    integer, allocatable :: ended(:)
+  contains
+    procedure :: read => read_runs
+    procedure :: fill
+    procedure :: empty
+    procedure :: put => put_runs
+  end type runs_type
 
 contains
 
@@ -12,9 +43,277 @@ contains
     type(task_type), intent(inout) :: task
     character(len=*), intent(in) :: name
     select case (name)
+    case ('of pendulums')
+      call run_pendulums(task)
+    case ('of oscillators')
+      call run_oscillators(task)
+    case ('orbits')
+      call find_last_orbits(task)
+    case ('disturbances')
+      call find_disturbances(task)
+    case ('judgement')
+      call judge(task)
     case default
       call task%refuse_kind()
     end select
   end subroutine ensemble_task
+
+  !> Given: `initial` (2 d, n), `h` (n), `method`, `n_steps`, `n_discard`; `ahead`: so much of a step
+  !! before the last discarded one peaks and means begin; `sample_every`, `section_every`, `points`
+  !! of a section, `moments`: whether peaks and means are wanted, `n_exponents`, `lines` (m).
+  subroutine read_runs(self, task)
+    class(runs_type), intent(out) :: self
+    type(task_type), intent(inout) :: task
+    integer :: d, n, points
+
+    self%initial => task%get_matrix('initial')
+    self%h => task%get_reals('h')
+    self%job%method = task%get_integer('method')
+    self%job%n_steps = task%get_long('n_steps')
+    self%job%n_discard = task%get_long('n_discard')
+    self%job%ahead = task%get_real('ahead')
+    self%job%sample_every = task%get_long('sample_every')
+    self%job%section_every = task%get_long('section_every')
+    self%job%moments = task%get_flag('moments')
+    self%job%n_exponents = task%get_integer('n_exponents')
+    self%job%lines = task%get_reals('lines')
+    points = task%get_integer('points')
+    d = size(self%initial, 1)/2
+    n = size(self%h)
+    call task%check_extents('initial', shape(self%initial), [2*d, n])
+    if (task%failed()) return
+    allocate (self%state(2*d, n), self%t_reached(n), source=0.0_wp)
+    allocate (self%ended(n), source=0)
+    allocate (self%peak(2*d, merge(n, 0, self%job%moments)), source=0.0_wp)
+    allocate (self%mean, self%rms, source=self%peak)
+    allocate (self%lyapunov(self%job%n_exponents, n), source=0.0_wp)
+    allocate (self%lyapunov_error, source=self%lyapunov)
+    allocate (self%amplitudes(d, size(self%job%lines), n), source=(0.0_wp, 0.0_wp))
+    allocate (self%sections(2*d, points, merge(n, 0, points > 0)))
+    self%sections = ieee_value(0.0_wp, ieee_quiet_nan)
+  end subroutine read_runs
+
+  !> A block that begins with run `first`.
+  subroutine fill(self, block, first, n_drives)
+    class(runs_type), intent(in) :: self
+    type(ensemble_block), intent(inout) :: block
+    integer, intent(in) :: first, n_drives
+    call fill_block(block, first, n_drives, size(self%sections, 2), self%initial, self%h, &
+                    self%sections)
+  end subroutine fill
+
+  subroutine empty(self, block, first)
+    class(runs_type), intent(inout) :: self
+    type(ensemble_block), intent(in) :: block
+    integer, intent(in) :: first
+    call empty_block(block, first, self%state, self%ended, self%t_reached, self%peak, self%mean, &
+                     self%rms, self%amplitudes, self%sections, self%lyapunov, self%lyapunov_error)
+  end subroutine empty
+
+  subroutine put_runs(self, task)
+    class(runs_type), intent(in) :: self
+    type(task_type), intent(inout) :: task
+    if (task%failed()) return
+    associate (found => task%found)
+      call found%put_reals('state', self%state, shape(self%state))
+      call found%put_integers('ended', self%ended, shape(self%ended))
+      call found%put_reals('t_reached', self%t_reached, shape(self%t_reached))
+      call found%put_reals('peak', self%peak, shape(self%peak))
+      call found%put_reals('mean', self%mean, shape(self%mean))
+      call found%put_reals('rms', self%rms, shape(self%rms))
+      call found%put_complexes('amplitudes', self%amplitudes, shape(self%amplitudes))
+      call found%put_reals('sections', self%sections, shape(self%sections))
+      call found%put_reals('lyapunov', self%lyapunov, shape(self%lyapunov))
+      call found%put_reals('lyapunov_error', self%lyapunov_error, shape(self%lyapunov_error))
+    end associate
+  end subroutine put_runs
+
+  !> Runs from time 0, run i with the pendulum `flat`(:, i) (14, n).
+  subroutine run_pendulums(task)
+    type(task_type), intent(inout) :: task
+    type(runs_type) :: runs
+    type(pendulum_type) :: system, other
+    type(ensemble_block) :: block
+    real(wp), pointer, contiguous :: flat(:, :)
+    integer :: first, i, l, n
+
+    call runs%read(task)
+    flat => task%get_matrix('flat')
+    n = size(runs%h)
+    call task%check_extents('flat', shape(flat), [14, n])
+    call task%check_extents('initial', shape(runs%initial), [6, n])
+    if (task%failed()) return
+    do first = 1, n, n_lanes
+      call runs%fill(block, first, 3)
+      call make_pendulum(system, flat(:, first), task%status)
+      if (task%failed()) return
+      do l = 1, n_lanes
+        i = min(first + l - 1, n)
+        call make_pendulum(other, flat(:, i), task%status)
+        if (task%failed()) return
+        call system%set_lane(l, other)
+        block%frequencies(l, :) = other%drives
+      end do
+      call check_method(runs%job, system, task%status)
+      if (task%failed()) return
+      call run_block(runs%job, system, block, task%cancel)
+      call runs%empty(block, first)
+      if (is_set(task%cancel)) exit
+    end do
+    call runs%put(task)
+  end subroutine run_pendulums
+
+  !> Runs from time 0; run i with the frequency `nu`(i) of the load, the `scales`(:, i) (4, n) of
+  !! `viscovib_lane_motion`; `own` (d, d, 2 m): what is scaled of stiffness and damping. The systems
+  !! are `flat` (k, m): one for all runs (m = 1), or one for each (m = n), which differ in their
+  !! numbers only; the load as of a run without memory. Found too: `missed`(i) /= 0: steps of run i
+  !! may have missed a thin layer of a force.
+  subroutine run_oscillators(task)
+    type(task_type), intent(inout) :: task
+    type(runs_type) :: runs
+    type(polynomial_type) :: system
+    type(lane_motion_type) :: motion
+    type(lane_motion_type), allocatable :: motions(:)
+    type(load_type) :: load
+    type(ensemble_block), allocatable :: blocks(:)
+    real(wp), pointer, contiguous :: flat(:, :), own(:, :, :), nu(:), scales(:, :)
+    integer, allocatable :: missed(:)
+    integer :: b, begin, d, first, i, l, many, n
+
+    call runs%read(task)
+    flat => task%get_matrix('flat')
+    own => task%get_cube('own')
+    nu => task%get_reals('nu')
+    scales => task%get_matrix('scales')
+    if (task%failed()) return
+    d = size(runs%initial, 1)/2
+    n = size(runs%h)
+    call task%check_extents('flat', shape(flat), [size(flat, 1), merge(1, n, size(flat, 2) == 1)])
+    call task%check_extents('own', shape(own), [d, d, 2*size(flat, 2)])
+    call task%check_extents('nu', shape(nu), [n])
+    call task%check_extents('scales', shape(scales), [4, n])
+    call load_of(task, d, load)
+    if (.not. task%failed()) call polynomial_from_vector(system, flat(:, 1), task%status)
+    if (task%failed()) return
+    call new_lane_motion(motion, system, load, own(:, :, :2))
+    call check_method(runs%job, motion, task%status)
+    if (task%failed()) return
+    allocate (missed(n), source=0)
+    allocate (motions(blocks_of(runs%job)), source=motion)
+    allocate (blocks(size(motions)))
+    do begin = 1, n, n_lanes*size(blocks)
+      many = min(size(blocks), (n - begin)/n_lanes + 1)
+      do b = 1, many
+        first = begin + n_lanes*(b - 1)
+        call runs%fill(blocks(b), first, 2)
+        do l = 1, n_lanes
+          i = min(first + l - 1, n)
+          if (size(flat, 2) == 1) then
+            call motions(b)%set_scales(l, scales(:, i))
+          else
+            call take_system(motions(b))
+            if (task%failed()) return
+          end if
+          blocks(b)%frequencies(l, :) = nu(i)
+        end do
+      end do
+      if (size(blocks) > 1) then
+        call run_together(runs%job, motions(:many), blocks(:many), task%cancel)
+      else
+        call run_block(runs%job, motions(1), blocks(1), task%cancel)
+      end if
+      do b = 1, many
+        first = begin + n_lanes*(b - 1)
+        do l = 1, min(n_lanes, n - first + 1)
+          if (blocks(b)%missed(l)) missed(first + l - 1) = 1
+        end do
+        call runs%empty(blocks(b), first)
+      end do
+      if (is_set(task%cancel)) exit
+    end do
+    call runs%put(task)
+    call task%found%put_integers('missed', missed, shape(missed))
+
+  contains
+
+    !> The numbers of run i in lane l.
+    subroutine take_system(block_motion)
+      type(lane_motion_type), intent(inout) :: block_motion
+      type(lane_motion_type) :: other
+
+      call polynomial_from_vector(system, flat(:, i), task%status)
+      if (task%failed()) return
+      call new_lane_motion(other, system, load, own(:, :, 2*i - 1:2*i))
+      if (.not. motion%differs_in_numbers(other)) then
+        call fail(task%status, status_input_error, 'system', 'system: runs side by side must ' &
+                  //'differ in their numbers only')
+        return
+      end if
+      call other%set_scales(1, scales(:, i))
+      call block_motion%take_lane(l, other)
+    end subroutine take_system
+
+  end subroutine run_oscillators
+
+  !> Which orbits the last `points` (w, k, n) of n motions repeat, see `viscovib_basin_rules`; `ended`
+  !! (n) /= 0: the motion reached its end. Orbits are shown by motions counted from 0.
+  subroutine find_last_orbits(task)
+    type(task_type), intent(inout) :: task
+    real(wp), pointer, contiguous :: largest(:), points(:, :, :)
+    integer, allocatable :: ended(:), labels(:), periods(:), shown(:)
+    real(wp), allocatable :: scale(:), moved(:)
+    integer :: n_orbits
+
+    largest => task%get_reals('largest')
+    points => task%get_cube('points')
+    ended = task%get_integers('ended')
+    call task%check_extents('largest', shape(largest), [size(points, 1)])
+    call task%check_extents('ended', shape(ended), [size(points, 3)])
+    if (task%failed()) return
+    allocate (labels(size(ended)), periods(size(ended)), moved(size(ended)), scale(size(largest)))
+    allocate (shown(size(ended)), source=0)
+    call find_orbits(largest, points, ended /= 0, task%get_integer('most'), task%get_real('near'), &
+                     task%get_real('fastest'), scale, labels, periods, moved, shown, n_orbits)
+    shown = shown(:n_orbits) - 1
+    associate (found => task%found)
+      call found%put_reals('scale', scale, shape(scale))
+      call found%put_integers('labels', labels, shape(labels))
+      call found%put_integers('periods', periods, shape(periods))
+      call found%put_reals('moved', moved, shape(moved))
+      call found%put_integers('shown', shown, shape(shown))
+    end associate
+  end subroutine find_last_orbits
+
+  !> By what orbits are disturbed, of the scale, a column for each of `n` motions: `pushes`.
+  subroutine find_disturbances(task)
+    type(task_type), intent(inout) :: task
+    real(wp), allocatable :: pushes(:, :)
+    allocate (pushes(task%get_integer('width'), task%get_integer('n')))
+    call disturbances(task%get_real('near'), pushes)
+    call task%found%put_reals('pushes', pushes, shape(pushes))
+  end subroutine find_disturbances
+
+  !> Whether an orbit attracts, by the ends of motions that begin near it; `rest`: the part of a
+  !! disturbance that is left.
+  subroutine judge(task)
+    type(task_type), intent(inout) :: task
+    real(wp), pointer, contiguous :: ends(:, :), orbit(:, :), scale(:)
+    integer, allocatable :: ended(:)
+    real(wp) :: rest
+    logical :: good
+
+    ends => task%get_matrix('ends')
+    ended = task%get_integers('ended')
+    orbit => task%get_matrix('orbit')
+    scale => task%get_reals('scale')
+    call task%check_extents('ended', shape(ended), [size(ends, 2)])
+    call task%check_extents('orbit', shape(orbit), [size(ends, 1)])
+    call task%check_extents('scale', shape(scale), [size(ends, 1)])
+    if (task%failed()) return
+    call judge_orbit(ends, ended /= 0, orbit, scale, task%get_real('near'), &
+                     task%get_flag('of_starts'), task%get_flag('has_kernels'), good, rest)
+    call task%found%put_integer('attracts', merge(1_i8, 0_i8, good))
+    call task%found%put_real('rest', rest)
+  end subroutine judge
 
 end module viscovib_ensemble_tasks

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from viscovib import _native
-from viscovib._native import FloatArray, core
+from viscovib._native import FloatArray
 from viscovib.analyses.ensemble import simulate_ensemble
 from viscovib.analyses.transient import Acting, runs_of
 from viscovib.common.counts import things
@@ -244,12 +244,19 @@ def basins(
     largest = _largest(system, states, call | {"t_end": float(run.t_end[0])})
     fastest = _fastest(system, call)
     # Of many starts and attractors every one is compared with every other.
-    scale, labels, periods, moved, shown, n_orbits = _native.apart(
-        lambda: core.basin_orbits(
-            largest, np.transpose(points, (2, 1, 0)), ended, most, near, fastest
+    found = _native.apart(
+        lambda: _native.run(
+            "ensemble orbits",
+            largest=largest,
+            points=np.transpose(points, (2, 1, 0)),
+            ended=ended,
+            most=most,
+            near=near,
+            fastest=fastest,
         )
     )
-    shown = shown[:n_orbits]
+    scale, labels, shown = found["scale"], found["labels"], found["shown"]
+    periods, moved = found["periods"], found["moved"]
     attractors = tuple(np.array(points[i, -periods[i] :]) for i in shown)
     begun = states[shown] if _remembers(system) else None
     if begun is not None and attractors and not _has_kernels(system):
@@ -326,7 +333,8 @@ def _stable(
     """
     if not orbits:
         return np.zeros(0, dtype=bool), np.zeros(0)
-    pushes = core.basin_disturbances(near, scale.size, _DISTURBED).T * scale
+    found = _native.run("ensemble disturbances", near=near, width=scale.size, n=_DISTURBED)
+    pushes = found["pushes"].T * scale
     places = [orbit[-1] for orbit in orbits] if starts is None else list(starts)
     run = simulate_ensemble(
         system, initial=np.concatenate([place + pushes for place in places]), **call
@@ -335,10 +343,20 @@ def _stable(
     ended = (run.outcome == "completed").reshape(len(orbits), _DISTURBED)
     by_starts, kernels = starts is not None, starts is not None and _has_kernels(system)
     judged = [
-        core.basin_judge(one.T, its, orbit.T, scale, near, by_starts, kernels)
+        _native.run(
+            "ensemble judgement",
+            ends=one.T,
+            ended=its,
+            orbit=orbit.T,
+            scale=scale,
+            near=near,
+            of_starts=by_starts,
+            has_kernels=kernels,
+        )
         for one, its, orbit in zip(ends, ended, orbits, strict=True)
     ]
-    return np.array([x > 0 for x, _ in judged]), np.array([rest for _, rest in judged])
+    good = np.array([bool(one["attracts"]) for one in judged])
+    return good, np.array([one["rest"] for one in judged])
 
 
 def _come_to_rest(

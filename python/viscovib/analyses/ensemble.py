@@ -485,7 +485,7 @@ class _Job:
         """Make the runs of each slice; Ctrl-C is heard."""
         pool = ThreadPoolExecutor(self.threads)
         try:
-            futures = [pool.submit(self._piece, part, n_steps, cancel) for part in slices]
+            futures = [pool.submit(self._heard, part, n_steps, cancel) for part in slices]
             with progress_bar(self.members.n, "runs", progress) as bar:
                 for future in as_completed(futures):
                     bar.update(future.result()[0].shape[1])
@@ -494,6 +494,11 @@ class _Job:
             # After Ctrl-C or an error the threads stop.
             cancel[0] = 1
             pool.shutdown(cancel_futures=True)
+
+    def _heard(self, part: slice, n_steps: int, cancel: npt.NDArray[np.intc]) -> tuple[Any, ...]:
+        """The same in a thread, which gives up once the flag is 1."""
+        _native.listen(cancel)
+        return self._piece(part, n_steps, cancel)
 
     def _piece(self, part: slice, n_steps: int, cancel: npt.NDArray[np.intc]) -> tuple[Any, ...]:
         n = part.stop - part.start

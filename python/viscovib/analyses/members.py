@@ -106,7 +106,9 @@ class PendulumMembers(Members):
 
     def call(self, part: slice, *given: Any) -> tuple[Any, ...]:
         """Make some of the runs."""
-        return _native.call(core.pendulum_ensemble, self.flat[:, part], self.states[part].T, *given)
+        return side_by_side(
+            "ensemble of pendulums", given, flat=self.flat[:, part], initial=self.states[part].T
+        )[:-1]
 
 
 class PolynomialMembers(Members):
@@ -208,10 +210,11 @@ class PolynomialMembers(Members):
             flat, own = flat[np.searchsorted(kind.runs, runs)], own[runs]
         elif own.shape[0] > 1:
             own = own[kind.runs]
-        *found, missed = _native.call(
-            core.polynomial_ensemble, np.asfortranarray(flat.T), self.orders, self.series,
-            np.asfortranarray(own.transpose(1, 2, 3, 0)), self.nu[runs],
-            np.asfortranarray(self.scales[:, runs]), self.states[runs].T, *given,
+        d = own.shape[1]
+        *found, missed = side_by_side(
+            "ensemble of oscillators", given, flat=flat.T, orders=self.orders, series=self.series,
+            own=own.transpose(1, 2, 3, 0).reshape((d, d, -1), order="F"), nu=self.nu[runs],
+            scales=self.scales[:, runs], initial=self.states[runs].T,
         )  # fmt: skip
         h, *asked, sections = given
         # Once in steps of some length, always: parts of steps are more exact than whole ones, so
@@ -247,6 +250,26 @@ class PolynomialMembers(Members):
                 f"{np.array2string(state, precision=3)}: there its laws change too fast for steps "
                 "of any length: take a shorter run, or give dt"
             )
+
+
+def side_by_side(task: str, given: tuple[Any, ...], **values: Any) -> tuple[Any, ...]:
+    """Run a task about many runs, and return what it finds in the order of `Members.call`."""
+    (
+        h, method, n_steps, n_discard, ahead, every, section_every, n_moments, exponents, lines,
+        _, sections,
+    ) = given  # fmt: skip
+    found = _native.run(
+        task, h=h, method=method, n_steps=n_steps, n_discard=n_discard, ahead=float(ahead),
+        sample_every=every, section_every=section_every, points=sections.shape[1],
+        moments=n_moments > 0, n_exponents=exponents, lines=lines, **values,
+    )  # fmt: skip
+    if sections.shape[2]:
+        sections[...] = found["sections"]
+    names = (
+        "state", "ended", "t_reached", "peak", "mean", "rms", "amplitudes", "lyapunov",
+        "lyapunov_error",
+    )  # fmt: skip
+    return *(found[name] for name in names), found.get("missed")
 
 
 def _side_by_side(method: str) -> str:
