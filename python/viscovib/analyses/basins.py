@@ -244,19 +244,11 @@ def basins(
     largest = _largest(system, states, call | {"t_end": float(run.t_end[0])})
     fastest = _fastest(system, call)
     # Of many starts and attractors every one is compared with every other.
-    found = _native.apart(
-        lambda: _native.run(
-            "ensemble orbits",
-            largest=largest,
-            points=np.transpose(points, (2, 1, 0)),
-            ended=ended,
-            most=most,
-            near=near,
-            fastest=fastest,
-        )
-    )
-    scale, labels, shown = found["scale"], found["labels"], found["shown"]
-    periods, moved = found["periods"], found["moved"]
+    given = {"largest": largest, "points": np.transpose(points, (2, 1, 0)), "ended": ended}
+    given |= {"most": most, "near": near, "fastest": fastest}
+    found = _native.apart(lambda: _native.run("ensemble orbits", **given))
+    names_found = "scale", "labels", "shown", "periods", "moved"
+    scale, labels, shown, periods, moved = (found[name] for name in names_found)
     attractors = tuple(np.array(points[i, -periods[i] :]) for i in shown)
     begun = states[shown] if _remembers(system) else None
     if begun is not None and attractors and not _has_kernels(system):
