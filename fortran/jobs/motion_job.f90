@@ -185,7 +185,7 @@ contains
       text = text//'; states '//show(step)//' apart are too far for the spectrum of ' &
              //trim(subject%coordinates(self%transformed(i)))//': by its velocity ' &
              //show(nint(100.0_wp*min(shares(i), 1.0_wp)))//' % of it swings at more than ' &
-             //show(pi/step)//' rad a unit of time, and stands at other frequencies'
+             //show(pi/step)//' rad a unit of time, which appear at other frequencies'
     end do
   end function aliases
 
@@ -375,7 +375,7 @@ contains
                     //'time, phases in rad at the first sample')
     do i = 1, size(shares)
       if (is_aliased(shares(i), kept)) call table%note('states are too far apart for ' &
-        //trim(subject%coordinates(self%transformed(i)))//': faster swings stand elsewhere')
+        //trim(subject%coordinates(self%transformed(i)))//': faster components are aliased')
     end do
     call table%hold_reals('omega', [(2.0_wp*pi/(kept*step)*k, k=0, kept/2)])
     do i = 1, size(self%transformed)

@@ -518,7 +518,7 @@ def test_leaving_needs_a_branch_point_of_the_same_kind():
     branch = vv.trace_response(_duffing(), **options, harmonics=9, stability=False)
     with pytest.raises(vv.InputError, match="must be one of a branch's branch_points"):
         vv.trace_response(_duffing(), **options, leave=branch)
-    with pytest.raises(vv.InputError, match="must have as many as asked for now"):
+    with pytest.raises(vv.InputError, match="must have as many as this curve"):
         vv.trace_response(_duffing(), **options, harmonics=11, leave=branch.branch_points[0])
     with pytest.raises(vv.InputError, match=r"at\[0\] = nan: must be"):
         vv.trace_response(_duffing(), **options, at=[np.nan])

@@ -31,12 +31,12 @@ def test_intervals_of_series_hold_for_few_numbers():
 
 def test_series_that_take_all_numbers_say_so(tmp_path):
     data = vv.ModulusData(frequencies=[0.1, 1000.0], storage=[1.1, 1.9], loss=[0.1, 0.2])
-    with pytest.warns(vv.ConvergenceWarning, match="4 numbers, all taken by 4 parts of the fit"):
+    with pytest.warns(vv.ConvergenceWarning, match="4 numbers for 4 parts of the fit"):
         fit = vv.fit_kernel(data, kind="prony")
     assert fit.interval == {"modulus": (0, math.inf), "relaxed": (0, math.inf)}
     assert fit.unconstrained == ("modulus", "relaxed")
     assert all(map(math.isnan, fit.parameters.values()))
-    with pytest.raises(vv.InputError, match="do not tell their scatter: must be more"):
+    with pytest.raises(vv.InputError, match="estimate the scatter: must be more"):
         vv.propagate(fit, lambda sample: sample.modulus, samples=5)
     fit.to_json(tmp_path / "f.json")
     assert vv.read_fit(tmp_path / "f.json").interval == fit.interval
@@ -48,5 +48,5 @@ def test_kernels_of_as_many_numbers_as_parameters():
     with pytest.warns(vv.ConvergenceWarning, match=r"modulus: 0 to inf; .*alpha: 0.01 to 1"):
         fit = vv.fit_kernel(data)
     assert len(fit.unconstrained) == 4
-    with pytest.raises(vv.InputError, match="4 numbers, all taken by 4 parameters, do not tell"):
+    with pytest.raises(vv.InputError, match="4 numbers for 4 parameters leave none"):
         vv.propagate(fit, lambda sample: sample.modulus, samples=5)

@@ -560,7 +560,7 @@ class TestFiles:
     [
         ({"kind": "kelvin"}, "kind = 'kelvin'"),
         ({"kind": []}, "must be a kind"),
-        ({"kind": ["prony", "abel"]}, "prony holds any sum already"),
+        ({"kind": ["prony", "abel"]}, "prony already includes any sum"),
         ({"storage_weight": 0.0, "loss_weight": 0.0}, "must not both be 0"),
         ({"modulus": -1.0}, "modulus = -1"),
         ({"kind": "prony", "terms": 0}, "terms = 0"),

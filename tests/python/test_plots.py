@@ -39,7 +39,7 @@ def test_sections_as_plane_and_as_diagram():
 def test_what_cannot_be_drawn_is_told():
     body = vv.Pendulum(**P1R)
     plain = vv.simulate_ensemble(body, initial=START, t_end=5, dt=0.5)
-    with pytest.raises(vv.InputError, match="holds no sections"):
+    with pytest.raises(vv.InputError, match="contains no sections"):
         vv.plot_sections(plain)
     cut = vv.simulate_ensemble(body, initial=START, n_periods=2, dt=0.5, sections=1)
     with pytest.raises(vv.InputError, match="parameter = 'p1'"):

@@ -137,7 +137,7 @@ def test_plans_say_that_a_law_is_in_python():
         (lambda d: d[:1], "must return one number for each entry"),
         (lambda d, w: d + w, "the argument 'w' of <lambda> is neither a variable (d, v) nor"),
         (lambda k: k, "must have one of d, v as an argument"),
-        (lambda *d: d[0], "does not tell its arguments"),
+        (lambda *d: d[0], "does not list its arguments"),
         (lambda d: 1j * d, "must return real numbers"),
         (lambda d: np.log(d), "must be defined around rest"),
         (vv.PythonLaw(lambda d: d**3, slopes=lambda d: 2 * d**2), "its slopes give"),

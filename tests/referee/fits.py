@@ -294,7 +294,7 @@ mount = vv.read_dynamic_stiffness(path).modulus
         yield Claim("consistent", names["good"], True)
         if np.ptp(stiff.real) > 0.2 * size.max():
             yield Claim("inconsistent", names["bad"], False)
-        said = "contradict" in names["text"] or "tells little" in names["text"]
+        said = "contradict" in names["text"] or "determines little" in names["text"]
         yield Claim("words", said, True)
         yield Claim("moduli", names["moduli"], stiff.real, 1e-14 * size)
         factor = names["size"]

@@ -209,7 +209,7 @@ def simulate_ensemble(
     apart = every * float(np.max(h))
     if lines.size and lines.max() * apart >= np.pi:
         raise InputError(
-            f"sample_every = {every}: states {apart:.4g} apart tell no frequency of "
+            f"sample_every = {every}: states {apart:.4g} apart resolve no frequency of "
             f"{np.pi / apart:.4g} or more, amplitudes_at has {lines.max():g}: must be smaller"
         )
     names = np.array(OUTCOMES)

@@ -182,7 +182,7 @@ def trace_mount(
     begun: Start | None = None
     if start is not None:
         if leave is not None:
-            raise InputError("start: must not be given with leave, which tells where to begin")
+            raise InputError("start: must not be given with leave, which determines the start")
         begun = start_of(start, system.dof_names, way.fixed)
         keeps = keeps and not (symmetric is None and begun.has_even)
     curve = CurveOptions.checked(options)

@@ -409,9 +409,9 @@ class MountRun(Run):
             )
         if n > _DIRECT_STEPS:
             raise InputError(
-                f'memory = "auto": a kernel is not a sum of exponentials, and {n} steps of all the '
-                f'past are more than {_DIRECT_STEPS}; ask for "direct", or fit the kernel by '
-                "sum_of_exponentials"
+                f'memory = "auto": a kernel is not a sum of exponentials, and {n} steps with the '
+                f'whole history are more than {_DIRECT_STEPS}; use memory="direct", or fit the '
+                "kernel by sum_of_exponentials"
             )
         self._keep_all()
 

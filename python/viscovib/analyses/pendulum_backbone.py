@@ -243,7 +243,7 @@ def _departure(
     if leave._direction.size != n + 2:
         raise InputError(
             f"leave: has {(leave._direction.size - 2) // 3} cosines per coordinate, must have as "
-            f"many as asked for now ({n // 3}): use the same harmonics and subharmonic"
+            f"many as this backbone ({n // 3}): use the same harmonics and subharmonic"
         )
     if not leave._direction.any():
         raise InputError("leave: the direction of the other family was not found")

@@ -107,8 +107,8 @@ def tell_aliases(name: str, u: FloatArray, v: FloatArray, step: float, stackleve
     if told:
         warnings.warn(
             f"states {step:.4g} apart are too far for {name}: by its velocity "
-            f"{100 * min(share, 1.0):.0f} % of it swings at more than {math.pi / step:.4g} rad/s, "
-            "and stands at other frequencies here: keep states closer",
+            f"{100 * min(share, 1.0):.0f} % of it is faster than {math.pi / step:.4g} rad/s, "
+            "which appears at other frequencies here: keep states closer",
             ConvergenceWarning,
             stacklevel=stacklevel,
         )

@@ -87,7 +87,7 @@ class Spectrum(Result):
         lines = [f"omega: {span(self.omega)}, {width:.6g} apart; window {self.window}"]
         if self.aliased:
             names = ", ".join(self.aliased)
-            lines.append(f"states are too far apart for {names}: faster swings stand elsewhere")
+            lines.append(f"states are too far apart for {names}: faster components are aliased")
         return lines
 
     @property
@@ -123,7 +123,7 @@ class Spectrum(Result):
                 f"window {self.window}; omega in rad per unit of time, phases in rad at the first "
                 "sample",
                 *(
-                    f"states are too far apart for {name}: faster swings stand elsewhere"
+                    f"states are too far apart for {name}: faster components are aliased"
                     for name in self.aliased
                 ),
             ],

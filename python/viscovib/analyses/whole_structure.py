@@ -113,7 +113,7 @@ def _lacks_exponentials(structure: Structure) -> str | None:
     if hidden < 0:
         kinds = sorted({type(kernel).__name__ for kernel in structure._all_kernels})
         return (
-            "is for structures whose kernels sums of exponentials can stand for, has "
+            "is for structures whose kernels can be replaced by sums of exponentials, has "
             f"{', '.join(kinds)}: its steps end where an element switches, and the past is known "
             "at whole steps only; "
             "take the kernel's sum_of_exponentials(), or steady motions, forced_response and "

@@ -97,7 +97,7 @@ def page_of(
     try:
         state.follow(query)
     except ViscovibError as error:
-        wrong = f"The address asks for what cannot be: {error}"
+        wrong = f"The address contains a wrong value: {error}"
     page = Page(state, folder, document)
     if wrong:
         page.complain(wrong)

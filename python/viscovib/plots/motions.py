@@ -119,7 +119,7 @@ def plot_sections(
     """
     _native.check_instance("ensemble", ensemble, Ensemble)
     if ensemble.sections is None:
-        raise InputError("ensemble: holds no sections, ask for them by sections=1, 2 or 3")
+        raise InputError("ensemble: contains no sections, must be computed with sections=1, 2 or 3")
     dofs = ensemble.system.dof_names
     d = dofs.index(_native.choice("quantity", quantity, dofs))
     ax = panel(ax)

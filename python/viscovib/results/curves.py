@@ -122,7 +122,7 @@ class BranchPoint(Value):
         _native.integer("n", n, 1, 2**31 - 1)
         if self._unknowns.size != n:
             raise InputError(
-                f"leave: has {self._unknowns.size} unknowns, must have as many as asked for now "
+                f"leave: has {self._unknowns.size} unknowns, must have as many as this curve "
                 f"({n}): use the same harmonics, loads and symmetry"
             )
         if not self._direction.any():

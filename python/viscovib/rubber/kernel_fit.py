@@ -204,7 +204,7 @@ def _kinds(kind: str | Sequence[str]) -> tuple[str, ...]:
         raise InputError(f"kind = {_native.shown(kind)}: must be a kind of kernel, or several")
     found = tuple(_native.choice("kind", one, allowed) for one in several)
     if "prony" in found and len(found) > 1:
-        raise InputError("kind: prony holds any sum already, must stand alone")
+        raise InputError("kind: prony already includes any sum, must be the only kind")
     if len(found) > 3:
         raise InputError(f"kind: {len(found)} parts, must be at most 3")
     # An order that does not matter is made one.

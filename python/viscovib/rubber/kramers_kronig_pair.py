@@ -100,8 +100,9 @@ class KramersKronig(Result):
             middle = float(np.median(self.ratio))
             if self.storage_varies < _WEAK and not 1 / _TELLING < middle < _TELLING:
                 doubt = (
-                    f"; the storage varies by {100 * self.storage_varies:.2g} % only and tells "
-                    f"little: the loss is {middle:.2g} times what belongs to the smoothest spectrum"
+                    f"; the storage varies by {100 * self.storage_varies:.2g} % only, so "
+                    f"it determines little: the loss is {middle:.2g} times that of the smoothest "
+                    "spectrum"
                 )
             elif self.wrong:
                 off = float(np.mean((self.ratio > _TELLING) | (self.ratio < 1 / _TELLING)))

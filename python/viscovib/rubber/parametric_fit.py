@@ -307,8 +307,8 @@ class ParametricFit(KernelFit):
         """Unknowns of samples, and how many of these are effective."""
         if not np.isfinite(self.covariance).all():
             raise InputError(
-                f"data: {self.measured.count} numbers, all taken by {self.theta.size} parameters, "
-                "do not tell their scatter: must be more"
+                f"data: {self.measured.count} numbers for {self.theta.size} parameters leave none "
+                "to estimate the scatter: must be more"
             )
         return likely(self, n, np.random.default_rng(seed))
 

@@ -152,8 +152,8 @@ class PronyFit(KernelFit):
         free, known = self._free, self.measured.count
         if free < 1:
             raise InputError(
-                f"data: {known} numbers, all taken by {np.count_nonzero(self.found)} parts of the "
-                "fit, do not tell their scatter: must be more"
+                f"data: {known} numbers for {np.count_nonzero(self.found)} parts of the fit "
+                "leave none to estimate the scatter: must be more"
             )
         scatter = np.repeat([rms(relative[:m]), rms(relative[m:])], [m, relative.size - m])
         scatter *= math.sqrt(known / free)
@@ -237,8 +237,8 @@ def fit_prony(
         )
     if fit._free < 1:
         warnings.warn(
-            f"data: {measured.count} numbers, all taken by {np.count_nonzero(found)} parts of the "
-            "fit, do not tell how sure it is: no parameter is constrained",
+            f"data: {measured.count} numbers for {np.count_nonzero(found)} parts of the fit "
+            "leave none to estimate its uncertainty: no parameter is constrained",
             ConvergenceWarning,
             stacklevel=3,
         )

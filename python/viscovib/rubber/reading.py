@@ -240,7 +240,7 @@ def _quantity(table: Table, roles: Sequence[str]) -> str:
         letter = table.named[role].strip().lstrip("|")[:1].upper()
         if letter in ("E", "G"):
             return letter
-    raise InputError(f"{table.path}: names do not tell E from G: quantity must be given")
+    raise InputError(f"{table.path}: names do not distinguish E and G: quantity must be given")
 
 
 def _refuse(table: Table, role: str, wrong: npt.NDArray[np.bool_], allowed: str) -> None:

@@ -145,7 +145,7 @@ class PythonLaw:
             asked = None
         if asked is None or any(p.kind in (kinds.VAR_POSITIONAL, kinds.VAR_KEYWORD) for p in asked):
             raise InputError(
-                f"{where}: {self._name} does not tell its arguments; name them, "
+                f"{where}: {self._name} does not list its arguments; name them, "
                 "PythonLaw(function, arguments=['d'])"
             )
         return [(p.name, p.default is kinds.empty, p.kind is kinds.KEYWORD_ONLY) for p in asked]

@@ -91,7 +91,7 @@ def affine(
         left = np.abs(third - first - 2 * unit * direction)
         if (left <= _ROUNDING * np.maximum(np.abs(first), np.abs(third))).all():
             return Varied(name, first - unit * direction, direction)
-    raise InputError(f"vary = {name!r}: {key} must stand in the law as a number of its own")
+    raise InputError(f"vary = {name!r}: {key} must occur in the law as a separate number")
 
 
 def _entries(
