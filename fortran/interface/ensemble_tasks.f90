@@ -58,8 +58,8 @@ contains
     end select
   end subroutine ensemble_task
 
-  !> Given: `initial` (2 d, n), `h` (n), `method`, `n_steps`, `n_discard`; `ahead`: so much of a step
-  !! before the last discarded one peaks and means begin; `sample_every`, `section_every`, `points`
+  !> Given: `initial` (2 d, n), `h` (n), `method`, `n_steps`, `n_discard`; `ahead`: so much of a
+  !! step before the last discarded one peaks and means begin; `sample_every`, `section_every`, `points`
   !! of a section, `moments`: whether peaks and means are wanted, `n_exponents`, `lines` (m).
   subroutine read_runs(self, task)
     class(runs_type), intent(out) :: self
@@ -255,8 +255,8 @@ contains
 
   end subroutine run_oscillators
 
-  !> Which orbits the last `points` (w, k, n) of n motions repeat, see `viscovib_basin_rules`; `ended`
-  !! (n) /= 0: the motion reached its end. Orbits are shown by motions counted from 0.
+  !> Which orbits the last `points` (w, k, n) of n motions repeat, see `viscovib_basin_rules`;
+  !! `ended` (n) /= 0: the motion reached its end. Orbits are shown by motions counted from 0.
   subroutine find_last_orbits(task)
     type(task_type), intent(inout) :: task
     real(wp), pointer, contiguous :: largest(:), points(:, :, :)
