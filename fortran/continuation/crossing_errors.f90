@@ -220,7 +220,8 @@ contains
     type(chord_point), intent(in) :: point
     next%sigma = point%sigma + 1.0_wp
     next%p = point%p + point%slope
-    next%x = point%x + point%x_slope
+    ! Allocated, else gfortran 12 takes the assignment for a use.
+    allocate (next%x, source=point%x + point%x_slope)
   end function along_tangent
 
   !> Divided differences of values v at places s.

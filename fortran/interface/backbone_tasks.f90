@@ -84,7 +84,7 @@ contains
     integer, allocatable :: pattern(:, :)
 
     system => task%pendulum()
-    pattern = task%get_integer_matrix('pattern')
+    allocate (pattern, source=task%get_integer_matrix('pattern'))
     options%highest = task%get_integer('harmonics')
     options%most = task%get_integer('most')
     options%unit = task%get_real('unit')

@@ -65,9 +65,9 @@ contains
     real(wp), pointer, contiguous :: omega(:), amplitude(:)
 
     system => task%pendulum()
-    drive%orders = task%get_integer_matrix('orders')
-    drive%drive_orders = task%get_integer_matrix('drive_orders')
-    drive%kept = task%get_integer_matrix('kept') /= 0
+    allocate (drive%orders, source=task%get_integer_matrix('orders'))
+    allocate (drive%drive_orders, source=task%get_integer_matrix('drive_orders'))
+    allocate (drive%kept, source=task%get_integer_matrix('kept') /= 0)
     omega => task%get_reals('omega')
     amplitude => task%get_reals('amplitude')
     drive%omega = omega
@@ -248,7 +248,7 @@ contains
     x => task%get_matrix('x')
     fold_p => task%get_reals('fold_p')
     fold_x => task%get_matrix('fold_x')
-    fold_before = task%get_integers('fold_before')
+    allocate (fold_before, source=task%get_integers('fold_before'))
     call task%check_extents('x', shape(x), [size(x, 1), size(p)])
     call task%check_extents('fold_x', shape(fold_x), [size(x, 1), size(fold_p)])
     call task%check_extents('fold_before', shape(fold_before), shape(fold_p))
@@ -284,10 +284,10 @@ contains
     x => task%get_matrix('x')
     branch_p => task%get_reals('branch_p')
     branch_x => task%get_matrix('branch_x')
-    branch_before = task%get_integers('branch_before')
+    allocate (branch_before, source=task%get_integers('branch_before'))
     crossing_p => task%get_reals('crossing_p')
     crossing_x => task%get_matrix('crossing_x')
-    crossing_before = task%get_integers('crossing_before')
+    allocate (crossing_before, source=task%get_integers('crossing_before'))
     turns => task%get_reals('turns')
     known => task%get_reals('known')
     associate (m => size(x, 1))
@@ -383,7 +383,7 @@ contains
     type(torus_balance_type), intent(in) :: balance
     real(wp), intent(in) :: x(:, :)
     real(wp), allocatable :: whole(:, :)
-    whole = expanded(balance, x)
+    allocate (whole, source=expanded(balance, x))
     call task%found%put_reals(prefix//'x', whole, shape(whole))
     call put_harmonics(task, prefix//'coefficients', whole)
   end subroutine put_points

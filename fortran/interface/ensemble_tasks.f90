@@ -76,7 +76,7 @@ contains
     self%job%section_every = task%get_long('section_every')
     self%job%moments = task%get_flag('moments')
     self%job%n_exponents = task%get_integer('n_exponents')
-    self%job%lines = task%get_reals('lines')
+    allocate (self%job%lines, source=task%get_reals('lines'))
     points = task%get_integer('points')
     d = size(self%initial, 1)/2
     n = size(self%h)
@@ -266,7 +266,7 @@ contains
 
     largest => task%get_reals('largest')
     points => task%get_cube('points')
-    ended = task%get_integers('ended')
+    allocate (ended, source=task%get_integers('ended'))
     call task%check_extents('largest', shape(largest), [size(points, 1)])
     call task%check_extents('ended', shape(ended), [size(points, 3)])
     if (task%failed()) return
@@ -303,7 +303,7 @@ contains
     logical :: good
 
     ends => task%get_matrix('ends')
-    ended = task%get_integers('ended')
+    allocate (ended, source=task%get_integers('ended'))
     orbit => task%get_matrix('orbit')
     scale => task%get_reals('scale')
     call task%check_extents('ended', shape(ended), [size(ends, 2)])

@@ -322,10 +322,10 @@ contains
     integer, allocatable :: some(:)
     integer :: columns, k, n, q
 
-    sections%squares = task%get_reals('squares')
-    sections%rates = task%get_reals('rates')
-    sections%seen = task%get_matrix('seen')
-    sections%inner = task%get_reals('inner')
+    allocate (sections%squares, source=task%get_reals('squares'))
+    allocate (sections%rates, source=task%get_reals('rates'))
+    allocate (sections%seen, source=task%get_matrix('seen'))
+    allocate (sections%inner, source=task%get_reals('inner'))
     pushed => task%get_matrix('pushed')
     patterns => task%get_matrix('patterns')
     frequencies => task%get_reals('frequencies')

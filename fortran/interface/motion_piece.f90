@@ -67,7 +67,7 @@ contains
     most = 0
     if (self%is_watched) then
       self%watched => task%get_reals('watched')
-      self%sides = task%get_integers('sides')
+      allocate (self%sides, source=task%get_integers('sides'))
       most = task%get_integer('most')
     end if
     if (task%failed()) return
@@ -115,7 +115,7 @@ contains
     type(piece_type), intent(in) :: piece
     integer, intent(in) :: n
     logical, allocatable :: moves(:)
-    moves = task%get_integers('moves') /= 0
+    allocate (moves, source=task%get_integers('moves') /= 0)
     call task%check_extents('moves', shape(moves), [n])
     if (piece%is_watched) moves = .true.
   end function moves_of
@@ -161,7 +161,7 @@ contains
     type(load_type), intent(out) :: load
     complex(wp), pointer, contiguous :: series(:, :)
     integer, allocatable :: orders(:)
-    orders = task%get_integers('orders')
+    allocate (orders, source=task%get_integers('orders'))
     series => task%get_complex_matrix('series')
     call task%check_extents('series', shape(series), [n_dof + 1, size(orders)])
     if (task%failed()) return

@@ -399,7 +399,8 @@ contains
       call simulate(stepper, motion, 0_i8, n_steps, 1_i8, times, none, at_times, n_done, &
                     n_reached, t_reached, ended, beside=along)
       ! Of all coordinates, then of all velocities, the place of each number of the state.
-      place = [([i, motion%n_dof + i], i=1, n), (motion%n_dof + i, i=n + 1, motion%n_dof)]
+      allocate (place, source=[([i, motion%n_dof + i], i=1, n), &
+                               (motion%n_dof + i, i=n + 1, motion%n_dof)])
       allocate (whole(2*motion%n_dof, 2*motion%n_dof))
       whole(:motion%n_dof, :) = along%q
       whole(motion%n_dof + 1:, :) = along%v
@@ -410,7 +411,7 @@ contains
       call simulate(stepper, motion, 0_i8, n_steps, 1_i8, times, none, at_times, n_done, &
                     n_reached, t_reached, ended)
     end if
-    last = begin
+    allocate (last, source=begin)
     last(1:2*n:2) = stepper%q(:n)
     last(2:2*n:2) = stepper%v(:n)
     last(2*n + 1:) = stepper%v(n + 1:)
@@ -432,11 +433,11 @@ contains
     class(oscillator_type), pointer :: system
     integer, allocatable :: driven(:), moves(:)
     system => task%system()
-    driven = task%get_integers('driven')
+    allocate (driven, source=task%get_integers('driven'))
     if (task%failed()) return
     call task%check_extents('driven', shape(driven), [system%n_dof()])
     if (task%failed()) return
-    moves = merge(1, 0, moved_coordinates(system, driven /= 0))
+    allocate (moves, source=merge(1, 0, moved_coordinates(system, driven /= 0)))
     call task%found%put_integers('moves', moves, shape(moves))
   end subroutine find_moving
 
@@ -483,7 +484,7 @@ contains
   subroutine read_plan(task, job)
     type(task_type), intent(inout) :: task
     class(transient_job), intent(inout) :: job
-    job%initial = task%get_reals('initial')
+    allocate (job%initial, source=task%get_reals('initial'))
     job%t_end = task%get_real('t_end')
     job%dt = task%get_real('dt')
     job%tolerance = task%get_real('tolerance')
@@ -526,7 +527,7 @@ contains
     if (task%failed()) return
     call load_of(task, system%n_dof(), load)
     call read_plan(task, job)
-    job%held = task%get_reals('held')
+    allocate (job%held, source=task%get_reals('held'))
     job%past = task%get_integer('past')
     call task%check_extents('held', shape(job%held), [system%n_dof()])
     if (task%failed()) return

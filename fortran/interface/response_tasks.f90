@@ -62,7 +62,7 @@ contains
     integer, allocatable :: orders(:)
     complex(wp), pointer, contiguous :: series(:, :)
 
-    orders = task%get_integers('orders')
+    allocate (orders, source=task%get_integers('orders'))
     series => task%get_complex_matrix('series')
     call task%check_extents('series', shape(series), [size(series, 1), size(orders)])
     if (size(series, 1) < 2 .and. .not. task%failed()) then
@@ -161,7 +161,7 @@ contains
 
     call new_plan(task, system, load, nu, plan)
     if (task%failed()) return
-    orders = planned_orders(plan, system, load)
+    allocate (orders, source=planned_orders(plan, system, load))
     call task%found%put_integers('kept', orders, shape(orders))
     call task%found%put_text('method', trim(method_names(plan%method)))
     call task%found%put_text('text', plan%text)
@@ -266,7 +266,7 @@ contains
     parameter = given_variation(task)
     call given_load(task, load)
     nu = task%get_real('at_nu')
-    kept = task%get_integers('kept')
+    allocate (kept, source=task%get_integers('kept'))
     keep_idle = task%get_flag('keep_idle')
     tolerance = task%get_real('tolerance')
     p => task%get_reals('p')
@@ -426,8 +426,8 @@ contains
     integer, intent(in) :: n
     integer, allocatable, intent(out) :: kept(:), used(:)
     complex(wp), pointer, contiguous, intent(out) :: motions(:, :, :)
-    kept = task%get_integers('kept')
-    used = task%get_integers('used')
+    allocate (kept, source=task%get_integers('kept'))
+    allocate (used, source=task%get_integers('used'))
     motions => task%get_complex_cube('motions')
     call task%check_extents('used', shape(used), [n])
     call task%check_extents('motions', shape(motions), [size(kept), size(motions, 2), n])
@@ -477,8 +477,8 @@ contains
     call given_system(task, system, load)
     nu => task%get_reals('nu')
     factor => task%get_reals('factor')
-    highest = task%get_integers('highest')
-    kept = task%get_integers('kept')
+    allocate (highest, source=task%get_integers('highest'))
+    allocate (kept, source=task%get_integers('kept'))
     motions => task%get_complex_cube('motions')
     linear = task%get_flag('linear')
     if (task%failed()) return
