@@ -1,11 +1,11 @@
-!> Enumeration of the conditions of resonance up to third order among natural frequencies w_j
-!! and load frequencies p_k.
+!> The conditions of resonance up to third order among natural frequencies w_j and those of
+!! loads p_k, enumerated.
 !!
 !! In the method a product of one to three generators, each with its frequency or the
-!! opposite, resonates with mode j if sum = w_j. Conditions that hold for all frequencies
-!! (w_j = w_j + w_k - w_k) are omitted. A change of sign or of sides gives the same
-!! condition. The results are integer vectors c with sum_i c_i f_i = 0 whose first entry other
-!! than 0 is positive. They contain at least one mode, and
+!! opposite, resonates with mode j when sum = w_j. Conditions that hold whatever the
+!! frequencies are (w_j = w_j + w_k - w_k) are no conditions; sign changes, and what
+!! moves from one side to the other, give the same one. What is left are integer vectors
+!! c, the first entry that is not 0 positive, with sum_i c_i f_i = 0: at least one mode in it,
 !! |c_1| + |c_2| + ... = 2 (loads near modes, modes near each other), 3 or 4; as a condition
 !! on a mode, of order 1, 2 or 3.
 module viscovib_resonances
@@ -20,29 +20,33 @@ module viscovib_resonances
 contains
 
   !> Order n - 1: n frequencies, with repetitions. A single frequency gives no condition.
-  subroutine list_resonances(natural, drives, coefficients, orders, divisors, n)
+  subroutine list_resonances(natural, drives, coefficients, orders, divisors)
     !> Circular frequencies, all > 0.
     real(wp), intent(in) :: natural(:), drives(:)
-    !> Shape (n_natural + n_drives, room): c; columns beyond n are 0.
-    integer, intent(out) :: coefficients(:, :), orders(:)
-    !> |sum c_i f_i|/max(f_i with c_i /= 0).
-    real(wp), intent(out) :: divisors(:)
-    !> Number of conditions, including those that do not fit into the arrays.
-    integer, intent(out) :: n
+    !> c, shape (n_natural + n_drives, n), and the order of each.
+    integer, allocatable, intent(out) :: coefficients(:, :), orders(:)
+    !> |sum c_i f_i|/max(f_i with c_i /= 0), shape (n).
+    real(wp), allocatable, intent(out) :: divisors(:)
     real(wp) :: frequencies(size(natural) + size(drives))
-    integer :: c(size(natural) + size(drives)), total
+    integer :: c(size(natural) + size(drives)), n, total
+    logical :: counted
 
     frequencies = [natural, drives]
-    coefficients = 0
-    orders = 0
-    divisors = 0.0_wp
-    n = 0
-    c = 0
-    do total = 2, highest_order + 1
-      call place(1, total)
-    end do
+    counted = .false.
+    call enumerate()
+    allocate (coefficients(size(c), n), orders(n), divisors(n))
+    counted = .true.
+    call enumerate()
 
   contains
+
+    subroutine enumerate()
+      n = 0
+      c = 0
+      do total = 2, highest_order + 1
+        call place(1, total)
+      end do
+    end subroutine enumerate
 
     !> Distribute the rest of the sum of moduli over the entries from i on.
     recursive subroutine place(i, left)
@@ -53,7 +57,7 @@ contains
         return
       end if
       do value = -left, left
-        ! The first entry other than 0 is positive.
+        ! The first that is not 0 is positive.
         if (value < 0 .and. all(c(:i - 1) == 0)) cycle
         c(i) = value
         call place(i + 1, left - abs(value))
@@ -68,7 +72,7 @@ contains
       ! A sum of entries of one sign is never 0; multiples of a condition are omitted.
       if (all(c >= 0) .or. all(modulo(c, 2) == 0)) return
       n = n + 1
-      if (n > size(orders)) return
+      if (.not. counted) return
       coefficients(:, n) = c
       orders(n) = total - 1
       divisors(n) = abs(sum(c*frequencies))/maxval(frequencies, mask=used)

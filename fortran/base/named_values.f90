@@ -40,6 +40,7 @@ module viscovib_named_values
     procedure :: complexes_at
     procedure :: put_reals
     procedure :: put_complexes
+    procedure :: new_complexes
     procedure :: put_integers
     procedure :: put_longs
     procedure :: put_text
@@ -172,6 +173,17 @@ contains
     there => self%complexes_at(self%n)
     there = values
   end subroutine put_complexes
+
+  !> An array that is still to be filled, to save a copy of a long one.
+  function new_complexes(self, name, n) result(there)
+    class(named_values), intent(inout), target :: self
+    character(len=*), intent(in) :: name
+    integer, intent(in) :: n
+    complex(wp), pointer, contiguous :: there(:)
+    call self%declare(name, complex_value, [n])
+    call make_room(self)
+    there => self%complexes_at(self%n)
+  end function new_complexes
 
   subroutine put_integers(self, name, values, extents)
     class(named_values), intent(inout) :: self

@@ -54,3 +54,48 @@ subroutine free_object(handle, status)
   call free(handle, outcome)
   call report(outcome, status)
 end subroutine free_object
+
+!> Ask loops that may take long to end with what they have (1), or to go on (0).
+subroutine stop_loops(flag)
+  use, intrinsic :: iso_c_binding, only: c_int
+  use viscovib_stopping, only: want_stop
+  implicit none
+  integer(c_int), intent(in) :: flag
+  call want_stop(flag /= 0)
+end subroutine stop_loops
+
+!> Let loops of this thread end with what they have once another thread sets flag(1), which must
+!! exist as long as this thread.
+subroutine listen(flag)
+  use, intrinsic :: iso_c_binding, only: c_int
+  implicit none
+  integer(c_int), intent(inout) :: flag(1)
+  interface
+    subroutine c_listen(flag) bind(c, name='viscovib_listen')
+      import :: c_int
+      integer(c_int), intent(in) :: flag(1)
+    end subroutine c_listen
+  end interface
+  call c_listen(flag)
+end subroutine listen
+
+!> Points of curves and values that loops have begun since the program started.
+subroutine pieces_of_work(n)
+  use, intrinsic :: iso_c_binding, only: c_int
+  use viscovib_stopping, only: pieces_begun
+  implicit none
+  integer(c_int), intent(out) :: n
+  n = pieces_begun()
+end subroutine pieces_of_work
+
+!> Set the procedure that evaluates functions of Python, by its address (see
+!! viscovib_law_outside).
+subroutine law_set_outside(address)
+  use, intrinsic :: iso_c_binding, only: c_funptr, c_int64_t
+  use viscovib_law_outside, only: set_outside
+  implicit none
+  integer(c_int64_t), intent(in) :: address
+  type(c_funptr) :: procedure_at
+
+  call set_outside(transfer(address, procedure_at))
+end subroutine law_set_outside

@@ -5,7 +5,6 @@ module viscovib_binding_tools
   use viscovib_base_motion, only: base_motion_type
   use viscovib_body_vector, only: body_from_vector
   use viscovib_catalogue, only: kernel_none, new_kernel
-  use viscovib_kernel, only: kernel_type
   use viscovib_kernel_holder, only: kernel_holder
   use viscovib_kinds, only: wp
   use viscovib_load, only: load_type, new_load
@@ -22,7 +21,7 @@ module viscovib_binding_tools
   implicit none
   private
 
-  public :: keep_moving, make_base, make_kernel, make_mount, make_system, make_pendulum, &
+  public :: keep_moving, make_base, make_mount, make_system, make_pendulum, &
             make_load, report
   public :: send, to_complex
 
@@ -83,18 +82,6 @@ contains
     call reduce(system, moves, reduced)
     call move_alloc(reduced, system)
   end subroutine keep_moving
-
-  subroutine make_kernel(kernel, kind, data, status)
-    class(kernel_type), allocatable, intent(out) :: kernel
-    integer, intent(in) :: kind
-    real(wp), intent(in) :: data(:)
-    type(status_type), intent(out) :: status
-    if (kind == kernel_none) then
-      call fail(status, status_input_error, 'kernel', 'kernel: none given')
-    else
-      call new_kernel(kernel, kind, data, status)
-    end if
-  end subroutine make_kernel
 
   subroutine make_mount(mount, flat, kind_x, data_x, kind_phi, data_phi, status)
     type(mount_type), intent(out) :: mount

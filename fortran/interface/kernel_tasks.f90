@@ -30,12 +30,11 @@ contains
 
   !> What is asked of a kernel at all points at once.
   subroutine kernel_task(task, name)
-    type(task_type), intent(inout) :: task
+    type(task_type), intent(inout), target :: task
     character(len=*), intent(in) :: name
     type(kernel_holder), pointer :: kernel
     real(wp), pointer, contiguous :: points(:)
-    complex(wp), pointer, contiguous :: s(:)
-    complex(wp), allocatable :: transform(:)
+    complex(wp), pointer, contiguous :: s(:), transform(:)
     real(wp), allocatable :: values(:), weights(:), rates(:)
 
     if (name == 'new') then
@@ -49,15 +48,13 @@ contains
       case ('transform')
         ! R_c - i R_s at `mu` (n).
         points => task%get_reals('mu')
-        allocate (transform(size(points)))
+        transform => task%found%new_complexes('values', size(points))
         call transform_at(kernel, points, transform)
-        call task%found%put_complexes('values', transform, shape(transform))
       case ('laplace')
         ! At complex `s` (n).
         s => task%get_complexes('s')
-        allocate (transform(size(s)))
+        transform => task%found%new_complexes('values', size(s))
         call kernel%laplace(s, transform)
-        call task%found%put_complexes('values', transform, shape(transform))
       case ('value')
         ! R(t) at `t` (n) > 0.
         points => task%get_reals('t')

@@ -1,10 +1,25 @@
-!> Tasks about force laws and elements with a state.
+!> Tasks about force laws as programs, and about elements with hysteresis.
 module viscovib_law_tasks
+  use viscovib_hysteresis, only: hysteresis_type
+  use viscovib_hysteresis_catalogue, only: new_hysteresis, state_user
+  use viscovib_hysteresis_loop, only: run_loop
+  use viscovib_kinds, only: i8, wp
+  use viscovib_law_program, only: law_program, wall
+  use viscovib_law_text, only: compile_law
+  use viscovib_status, only: fail, status_input_error
   use viscovib_task, only: task_type
+  use viscovib_user_elements, only: n_user_elements, user_element, user_element_fault, &
+    user_element_is_odd
   implicit none
   private
 
   public :: law_task
+
+  !> Letters of the name of an argument or a parameter at most: texts of names have fields of
+  !! that length.
+  integer, parameter :: longest_name = 64
+  !> Instructions at most.
+  integer, parameter :: max_code = 2000
 
 contains
 
@@ -12,9 +27,213 @@ contains
     type(task_type), intent(inout) :: task
     character(len=*), intent(in) :: name
     select case (name)
+    case ('values')
+      call find_values(task)
+    case ('compile')
+      call compile_once(task)
+    case ('compile_many')
+      call compile_many(task)
+    case ('loops')
+      call find_loops(task)
+    case ('stiffness_at_rest')
+      call find_stiffness(task)
+    case ('user_elements')
+      call list_user_elements(task)
+    case ('check_user_element')
+      call check_user_element(task)
     case default
       call task%refuse_kind()
     end select
   end subroutine law_task
+
+  !> Values of a program, `code` and `number` (m) of each instruction, at `arguments`
+  !! (n, n_arguments); `with_slopes`: derivatives too, which take most of the time.
+  subroutine find_values(task)
+    type(task_type), intent(inout) :: task
+    real(wp), pointer, contiguous :: arguments(:, :)
+    real(wp), allocatable :: values(:), slopes(:, :)
+    type(law_program) :: law
+
+    allocate (law%code, source=task%get_integers('code'))
+    law%number = task%get_reals('number')
+    arguments => task%get_matrix('arguments')
+    call task%check_extents('number', shape(law%number), shape(law%code))
+    if (task%failed()) return
+    law%n_arguments = size(arguments, 2)
+    call law%measure()
+    allocate (values(size(arguments, 1)))
+    if (task%get_flag('with_slopes')) then
+      allocate (slopes(size(arguments, 1), size(arguments, 2)))
+      call law%differentiate(arguments, values, slopes)
+      call task%found%put_reals('slopes', slopes, shape(slopes))
+    else
+      call law%evaluate(arguments, values)
+    end if
+    call task%found%put_reals('values', values, shape(values))
+  end subroutine find_values
+
+  !> The program of a `text` with the names of its `arguments` and `names` of its parameters,
+  !! `values` (n_names): `code` and `number` of each instruction, its parity and degree.
+  subroutine compile_once(task)
+    type(task_type), intent(inout) :: task
+    character(len=longest_name), allocatable :: arguments(:), names(:)
+    character(len=:), allocatable :: fault
+    type(law_program) :: law
+    real(wp), pointer, contiguous :: values(:)
+    integer :: parity, degree
+
+    arguments = names_in(task%get_text('arguments'))
+    names = names_in(task%get_text('names'))
+    values => task%get_reals('values')
+    call task%check_extents('values', shape(values), shape(names))
+    if (task%failed()) return
+    call compile_law(task%get_text('text'), arguments, names, values, law, parity, degree, fault)
+    if (task%failed()) return
+    if (fault /= '') then
+      call fail(task%status, status_input_error, 'law', fault)
+      return
+    end if
+    call task%found%put_integers('code', law%code, shape(law%code))
+    call task%found%put_reals('number', law%number, shape(law%number))
+    call task%found%put_integer('parity', int(parity, i8))
+    call task%found%put_integer('degree', int(degree, i8))
+  end subroutine compile_once
+
+  !> Programs of a `text` for `values` (n_names, n) of its parameters: `code` and `number`
+  !! (n_code, n), 0 after the `lengths` (n); `slopes` (n_arguments, n) where all arguments are 0;
+  !! `flaws` (n): 1 if there is no such law with these values, if it has no value `near` rest on
+  !! all sides, or if it is too long.
+  subroutine compile_many(task)
+    type(task_type), intent(inout) :: task
+    character(len=longest_name), allocatable :: arguments(:), names(:)
+    character(len=:), allocatable :: text, fault
+    real(wp), pointer, contiguous :: values(:, :)
+    real(wp), allocatable :: number(:, :), slopes(:, :), at(:, :), value(:), by(:, :)
+    integer, allocatable :: code(:, :), lengths(:), flaws(:)
+    type(law_program) :: law
+    real(wp) :: rest(1), near
+    integer :: i, k, m, n, parity, degree, longest
+
+    text = task%get_text('text')
+    arguments = names_in(task%get_text('arguments'))
+    names = names_in(task%get_text('names'))
+    near = task%get_real('near')
+    values => task%get_matrix('values')
+    n = size(values, 2)
+    m = size(arguments)
+    call task%check_extents('values', shape(values), [size(names), n])
+    if (task%failed()) return
+    longest = min(len(text) + 1, max_code)
+    allocate (code(longest, n), lengths(n), source=0)
+    allocate (number(longest, n), slopes(m, n), at(2*m + 1, m), source=0.0_wp)
+    allocate (value(2*m + 1), by(1, m))
+    allocate (flaws(n), source=1)
+    do i = 1, m
+      at(1 + i, i) = near
+      at(1 + m + i, i) = -near
+    end do
+    do i = 1, n
+      call compile_law(text, arguments, names, values(:, i), law, parity, degree, fault)
+      if (fault /= '') cycle
+      k = size(law%code)
+      if (k > longest) cycle
+      lengths(i) = k
+      code(:k, i) = law%code
+      number(:k, i) = law%number
+      call law%evaluate(at, value)
+      call law%differentiate(at(:1, :), rest, by)
+      slopes(:, i) = by(1, :)
+      if (all(abs(value) < wall) .and. all(abs(by) < wall)) flaws(i) = 0
+    end do
+    call task%found%put_integers('code', code, shape(code))
+    call task%found%put_reals('number', number, shape(number))
+    call task%found%put_integers('lengths', lengths, shape(lengths))
+    call task%found%put_reals('slopes', slopes, shape(slopes))
+    call task%found%put_integers('flaws', flaws, shape(flaws))
+  end subroutine compile_many
+
+  !> Forces of an element, `state` and `numbers` (m), over cycles of deflections `d` (n, n_cycles),
+  !! straight between samples, and the energy lost in each.
+  subroutine find_loops(task)
+    type(task_type), intent(inout) :: task
+    class(hysteresis_type), allocatable :: element
+    real(wp), pointer, contiguous :: d(:, :)
+    real(wp), allocatable :: force(:, :), lost(:)
+    integer :: i
+
+    d => task%get_matrix('d')
+    call make_element(task, element)
+    if (task%failed()) return
+    allocate (force(size(d, 1), size(d, 2)), lost(size(d, 2)))
+    do i = 1, size(d, 2)
+      call run_loop(element, d(:, i), force(:, i), lost(i))
+    end do
+    call task%found%put_reals('force', force, shape(force))
+    call task%found%put_reals('lost', lost, shape(lost))
+  end subroutine find_loops
+
+  !> df/dd of an element, `state` and `numbers` (m), where nothing has moved yet.
+  subroutine find_stiffness(task)
+    type(task_type), intent(inout) :: task
+    class(hysteresis_type), allocatable :: element
+
+    call make_element(task, element)
+    if (task%failed()) return
+    call task%found%put_real('stiffness', element%stiffness_at_rest())
+  end subroutine find_stiffness
+
+  subroutine make_element(task, element)
+    type(task_type), intent(inout) :: task
+    class(hysteresis_type), allocatable, intent(out) :: element
+    real(wp), pointer, contiguous :: numbers(:)
+    integer :: state
+
+    state = task%get_integer('state')
+    numbers => task%get_reals('numbers')
+    if (.not. task%failed()) call new_hysteresis(element, state, numbers)
+  end subroutine make_element
+
+  !> Elements of users: `states` and `odd` (n), 1 for an odd one; `names`: a line for each, its
+  !! name and those of its numbers.
+  subroutine list_user_elements(task)
+    type(task_type), intent(inout) :: task
+    integer :: states(n_user_elements), odd(n_user_elements), i
+    character(len=:), allocatable :: names
+
+    names = ''
+    do i = 1, n_user_elements
+      states(i) = state_user + i
+      odd(i) = merge(1, 0, user_element_is_odd(i))
+      names = names//user_element(i)//new_line('a')
+    end do
+    call task%found%put_integers('states', states, shape(states))
+    call task%found%put_integers('odd', odd, shape(odd))
+    call task%found%put_text('names', names)
+  end subroutine list_user_elements
+
+  !> Fails if a user's element, `state`, cannot have these `numbers` (m).
+  subroutine check_user_element(task)
+    type(task_type), intent(inout) :: task
+    real(wp), pointer, contiguous :: numbers(:)
+    character(len=:), allocatable :: fault
+    integer :: state
+
+    state = task%get_integer('state')
+    numbers => task%get_reals('numbers')
+    if (task%failed()) return
+    fault = user_element_fault(state - state_user, numbers)
+    if (fault /= '') call fail(task%status, status_input_error, 'element', fault)
+  end subroutine check_user_element
+
+  !> Names in a text that has a field for each.
+  pure function names_in(text) result(names)
+    character(len=*), intent(in) :: text
+    character(len=longest_name), allocatable :: names(:)
+    integer :: i
+    allocate (names(len(text)/longest_name))
+    do i = 1, size(names)
+      names(i) = text(longest_name*(i - 1) + 1:longest_name*i)
+    end do
+  end function names_in
 
 end module viscovib_law_tasks

@@ -1,5 +1,6 @@
 !> Tasks about steady motions of oscillators. The load is a Fourier series: `orders` (m) and
-!! `series` (n_dof + 1, m), forces on the coordinates, then the motion of the base, as of `make_load`.
+!! `series` (n_dof + 1, m), forces on the coordinates, then the motion of the base, as of
+!! `make_load`.
 module viscovib_response_tasks
   use viscovib_binding_tools, only: make_load
   use viscovib_curve_peak, only: climb, harmonic_measure

@@ -1,6 +1,12 @@
-!> Tasks about spectra.
+!> Tasks about spectra of signals.
 module viscovib_spectrum_tasks
+  use viscovib_aliased_share, only: aliased_share, is_aliased
+  use viscovib_amplitude_spectrum, only: amplitude_spectrum
+  use viscovib_fourier, only: check_length, real_spectrum
+  use viscovib_kinds, only: i8, wp
+  use viscovib_line_fit, only: line_residual, line_sums, lines_type, new_lines
   use viscovib_task, only: task_type
+  use viscovib_windows, only: noise_bandwidth
   implicit none
   private
 
@@ -12,9 +18,124 @@ contains
     type(task_type), intent(inout) :: task
     character(len=*), intent(in) :: name
     select case (name)
+    case ('signal')
+      ! An object that keeps a `signal` for several tasks.
+    case ('transform')
+      call transform_signal(task)
+    case ('windowed')
+      call find_spectra(task)
+    case ('line_sums')
+      call find_sums(task)
+    case ('line_residual')
+      call find_residual(task)
+    case ('aliased')
+      call find_aliased(task)
     case default
       call task%refuse_kind()
     end select
   end subroutine spectrum_task
+
+  !> The discrete Fourier transform of a real `signal` (n): `spectrum` (n/2 + 1).
+  subroutine transform_signal(task)
+    type(task_type), intent(inout) :: task
+    real(wp), pointer, contiguous :: signal(:)
+    complex(wp), allocatable :: spectrum(:)
+
+    signal => task%get_reals('signal')
+    if (.not. task%failed()) call check_length(size(signal), task%status)
+    if (task%failed()) return
+    allocate (spectrum(size(signal)/2 + 1))
+    call real_spectrum(signal, spectrum)
+    call task%found%put_complexes('spectrum', spectrum, shape(spectrum))
+  end subroutine transform_signal
+
+  !> One-sided complex amplitudes of `signals` (n, m), a column each, under a `window`: `spectra`
+  !! (n/2 + 1, m); `bandwidth` of the window.
+  subroutine find_spectra(task)
+    type(task_type), intent(inout) :: task
+    real(wp), pointer, contiguous :: signals(:, :)
+    complex(wp), allocatable :: spectra(:, :)
+    integer :: window, j
+
+    signals => task%get_matrix('signals')
+    window = task%get_integer('window')
+    if (.not. task%failed()) call check_length(size(signals, 1), task%status)
+    if (task%failed()) return
+    allocate (spectra(size(signals, 1)/2 + 1, size(signals, 2)))
+    do j = 1, size(signals, 2)
+      call amplitude_spectrum(signals(:, j), window, spectra(:, j))
+    end do
+    call task%found%put_complexes('spectra', spectra, shape(spectra))
+    call task%found%put_real('bandwidth', noise_bandwidth(window))
+  end subroutine find_spectra
+
+  !> Sums of a least squares fit of `lines` (4, n_lines), each a column (omega, decay, a, b), and
+  !! a `mean` to a `signal` (n). The first `n_free` frequencies are free, and the rates of decay of
+  !! the lines that `free_decay` lists.
+  subroutine find_sums(task)
+    type(task_type), intent(inout) :: task
+    real(wp), pointer, contiguous :: signal(:)
+    real(wp), allocatable :: matrix(:, :), right(:)
+    integer, allocatable :: free_decay(:)
+    type(lines_type) :: fitted
+    real(wp) :: total
+    integer :: n_free, n
+
+    call read_lines(task, signal, fitted)
+    n_free = task%get_integer('n_free')
+    allocate (free_decay, source=task%get_integers('free_decay'))
+    if (task%failed()) return
+    n = 1 + 2*size(fitted%omega) + n_free + size(free_decay)
+    allocate (matrix(n, n), right(n))
+    call line_sums(signal, fitted, n_free, free_decay, matrix, right, total)
+    call task%found%put_reals('matrix', matrix, shape(matrix))
+    call task%found%put_reals('right', right, shape(right))
+    call task%found%put_real('total', total)
+  end subroutine find_sums
+
+  !> The difference of a `signal` (n) and its `lines` (4, n_lines) with their `mean`.
+  subroutine find_residual(task)
+    type(task_type), intent(inout) :: task
+    real(wp), pointer, contiguous :: signal(:)
+    real(wp), allocatable :: residual(:)
+    type(lines_type) :: fitted
+
+    call read_lines(task, signal, fitted)
+    if (task%failed()) return
+    allocate (residual(size(signal)))
+    call line_residual(signal, fitted, residual)
+    call task%found%put_reals('residual', residual, shape(residual))
+  end subroutine find_residual
+
+  subroutine read_lines(task, signal, fitted)
+    type(task_type), intent(inout) :: task
+    real(wp), pointer, contiguous, intent(out) :: signal(:)
+    type(lines_type), intent(out) :: fitted
+    real(wp), pointer, contiguous :: lines(:, :)
+    real(wp) :: mean
+
+    signal => task%get_reals('signal')
+    lines => task%get_matrix('lines')
+    mean = task%get_real('mean')
+    call task%check_extents('lines', shape(lines), [4, size(lines, 2)])
+    if (.not. task%failed()) call new_lines(fitted, lines, mean)
+  end subroutine read_lines
+
+  !> Part of a displacement `u` (n) with velocity `v` (n), a `step` apart, that is folded to other
+  !! frequencies; `is_large`: 1 if it is worth a warning.
+  subroutine find_aliased(task)
+    type(task_type), intent(inout) :: task
+    real(wp), pointer, contiguous :: u(:), v(:)
+    real(wp) :: step, share
+
+    u => task%get_reals('u')
+    v => task%get_reals('v')
+    step = task%get_real('step')
+    call task%check_extents('v', shape(v), shape(u))
+    if (task%failed()) return
+    share = aliased_share(u, v, step)
+    call task%found%put_real('share', share)
+    call task%found%put_integer('is_large', merge(1_i8, 0_i8, is_aliased(share, size(u))))
+  end subroutine find_aliased
 
 end module viscovib_spectrum_tasks

@@ -1,7 +1,11 @@
-!> Objects that are systems.
+!> Objects that are systems, and properties of these.
 module viscovib_system_tasks
   use viscovib_binding_tools, only: make_pendulum, make_system
   use viscovib_kinds, only: wp
+  use viscovib_lanes, only: n_lanes
+  use viscovib_mount, only: mount_type
+  use viscovib_oscillator, only: oscillator_type
+  use viscovib_pendulum, only: pendulum_type
   use viscovib_task, only: built_pendulum, built_system, task_type
   implicit none
   private
@@ -18,6 +22,18 @@ contains
       call build_system(task)
     case ('pendulum')
       call build_pendulum(task)
+    case ('modes')
+      call find_mount_modes(task)
+    case ('dynamic_stiffness')
+      call find_stiffness(task)
+    case ('pendulum_modes')
+      call find_pendulum_modes(task)
+    case ('pendulum_frequencies')
+      call find_frequencies(task)
+    case ('pendulum_motion')
+      call evaluate_pendulum(task)
+    case ('pendulum_jacobian')
+      call differentiate_pendulum(task)
     case default
       call task%refuse_kind()
     end select
@@ -55,5 +71,149 @@ contains
     call make_pendulum(own%it, flat, task%status)
     if (.not. task%failed()) call move_alloc(own, task%built)
   end subroutine build_pendulum
+
+  !> Natural frequencies `omega` (2) and mode `shapes` (2, 2) of a mount.
+  subroutine find_mount_modes(task)
+    type(task_type), intent(inout) :: task
+    class(oscillator_type), pointer :: system
+    real(wp) :: omega(2), shapes(2, 2)
+
+    system => task%system()
+    if (task%failed()) return
+    select type (system)
+    class is (mount_type)
+      call system%natural_modes(omega, shapes)
+      call task%found%put_reals('omega', omega, shape(omega))
+      call task%found%put_reals('shapes', shapes, shape(shapes))
+    class default
+      call task%refuse_kind()
+    end select
+  end subroutine find_mount_modes
+
+  !> Dynamic `stiffness` (n_dof, n_dof, n) at frequencies `nu` (n).
+  subroutine find_stiffness(task)
+    type(task_type), intent(inout) :: task
+    class(oscillator_type), pointer :: system
+    real(wp), pointer, contiguous :: nu(:)
+    complex(wp), allocatable :: fraction(:, :), stiffness(:, :, :)
+
+    system => task%system()
+    nu => task%get_reals('nu')
+    if (task%failed()) return
+    allocate (fraction(size(nu), system%n_memory()))
+    allocate (stiffness(system%n_dof(), system%n_dof(), size(nu)))
+    call system%retained(nu, fraction)
+    call system%dynamic_stiffness(nu, fraction, stiffness)
+    call task%found%put_complexes('stiffness', stiffness, shape(stiffness))
+  end subroutine find_stiffness
+
+  !> Natural frequencies `omega` (3) of a pendulum, mode `shapes` (3, 3), `r`, `z_r`.
+  subroutine find_pendulum_modes(task)
+    type(task_type), intent(inout) :: task
+    type(pendulum_type), pointer :: system
+    real(wp) :: omega(3), shapes(3, 3)
+
+    system => task%pendulum()
+    if (task%failed()) return
+    call system%natural_modes(omega, shapes)
+    call task%found%put_reals('omega', omega, shape(omega))
+    call task%found%put_reals('shapes', shapes, shape(shapes))
+    call task%found%put_real('r', system%r)
+    call task%found%put_real('z_r', system%z_r)
+  end subroutine find_pendulum_modes
+
+  !> Natural frequencies `omega` (3, n) of pendulums `flat` (14, n).
+  subroutine find_frequencies(task)
+    type(task_type), intent(inout) :: task
+    type(pendulum_type) :: pendulum
+    real(wp), pointer, contiguous :: flat(:, :)
+    real(wp), allocatable :: omega(:, :)
+    real(wp) :: shapes(3, 3)
+    integer :: i
+
+    flat => task%get_matrix('flat')
+    call task%check_extents('flat', shape(flat), [14, size(flat, 2)])
+    if (task%failed()) return
+    allocate (omega(3, size(flat, 2)))
+    do i = 1, size(flat, 2)
+      call make_pendulum(pendulum, flat(:, i), task%status)
+      if (task%failed()) return
+      call pendulum%natural_modes(omega(:, i), shapes)
+    end do
+    call task%found%put_reals('omega', omega, shape(omega))
+  end subroutine find_frequencies
+
+  !> `state` (6, n) of a pendulum, (z, z', phi, phi', psi, psi'), and `drive` (3, n), cos(p_j t).
+  subroutine read_states(task, system, drive, state)
+    type(task_type), intent(inout) :: task
+    type(pendulum_type), pointer, intent(out) :: system
+    real(wp), pointer, contiguous, intent(out) :: drive(:, :), state(:, :)
+    system => task%pendulum()
+    drive => task%get_matrix('drive')
+    state => task%get_matrix('state')
+    call task%check_extents('state', shape(state), [6, size(state, 2)])
+    call task%check_extents('drive', shape(drive), [3, size(state, 2)])
+  end subroutine read_states
+
+  !> At states as of `read_states`: `acceleration` (3, n), `energy` (n) and its rate of change,
+  !! `power` (n).
+  subroutine evaluate_pendulum(task)
+    type(task_type), intent(inout) :: task
+    type(pendulum_type), pointer :: system
+    real(wp), pointer, contiguous :: drive(:, :), state(:, :)
+    real(wp), allocatable :: acceleration(:, :), energy(:), power(:)
+    real(wp), dimension(n_lanes, 3) :: q, v, cosines, a
+    integer :: i, d, n
+
+    call read_states(task, system, drive, state)
+    if (task%failed()) return
+    n = size(state, 2)
+    allocate (acceleration(3, n), energy(n), power(n))
+    do i = 1, n
+      do d = 1, 3
+        q(:, d) = state(2*d - 1, i)
+        v(:, d) = state(2*d, i)
+        cosines(:, d) = drive(d, i)
+      end do
+      call system%acceleration(q, v, cosines, a)
+      acceleration(:, i) = a(1, :)
+      energy(i) = system%energy(q(1, :), v(1, :))
+      power(i) = system%power(v(1, :), drive(:, i))
+    end do
+    call task%found%put_reals('acceleration', acceleration, shape(acceleration))
+    call task%found%put_reals('energy', energy, shape(energy))
+    call task%found%put_reals('power', power, shape(power))
+  end subroutine evaluate_pendulum
+
+  !> At states as of `read_states`: derivatives of the accelerations by the state, `jacobian`
+  !! (3, 6, n).
+  subroutine differentiate_pendulum(task)
+    type(task_type), intent(inout) :: task
+    type(pendulum_type), pointer :: system
+    real(wp), pointer, contiguous :: drive(:, :), state(:, :)
+    real(wp), allocatable :: jacobian(:, :, :)
+    real(wp), dimension(n_lanes, 3) :: q, v, cosines, dq, dv, a, da
+    integer :: i, d
+
+    call read_states(task, system, drive, state)
+    if (task%failed()) return
+    allocate (jacobian(3, 6, size(state, 2)))
+    dq = 0.0_wp
+    dv = 0.0_wp
+    do d = 1, 3
+      dq(2*d - 1, d) = 1.0_wp
+      dv(2*d, d) = 1.0_wp
+    end do
+    do i = 1, size(state, 2)
+      do d = 1, 3
+        q(:, d) = state(2*d - 1, i)
+        v(:, d) = state(2*d, i)
+        cosines(:, d) = drive(d, i)
+      end do
+      call system%tangent(q, v, cosines, dq, dv, a, da)
+      jacobian(:, :, i) = transpose(da(:6, :))
+    end do
+    call task%found%put_reals('jacobian', jacobian, shape(jacobian))
+  end subroutine differentiate_pendulum
 
 end module viscovib_system_tasks

@@ -9,6 +9,7 @@ import math
 import threading
 from collections.abc import Callable, Mapping
 from numbers import Number
+from types import MappingProxyType
 from typing import Any, TypeVar
 
 import numpy as np
@@ -266,6 +267,7 @@ def call(routine: Callable[..., tuple[Any, ...]], *arguments: object) -> tuple[A
 _REAL, _COMPLEX, _INTEGER, _TEXT = 1, 2, 3, 4
 _KINDS = {"f": _REAL, "c": _COMPLEX, "i": _INTEGER, "u": _INTEGER, "b": _INTEGER}
 _NO_NUMBERS = np.empty(0)
+_NOTHING: Mapping[str, Any] = MappingProxyType({})
 #: What the core takes for a system of which one vector holds all.
 _IN_VECTOR = -2
 _NO_CANCEL = np.zeros(1, dtype=np.intc)
@@ -361,8 +363,13 @@ def _begin(
     ]  # fmt: skip
     if whole_arrays:
         layout = np.concatenate((layout, *whole_arrays))
+    numbers: Any = reals
+    if arrays:
+        # A single array is not copied.
+        alone = len(arrays) == 1 and not reals
+        numbers = arrays[0] if alone else np.concatenate((reals, *arrays))
     handle, sizes, status = core.begin_call(
-        text, layout, np.concatenate((reals, *arrays)) if arrays else reals,
+        text, layout, numbers,
         _NO_CANCEL if _listening.flag is None else _listening.flag,
     )  # fmt: skip
     if status != 0 or _unheard.error is not None:
@@ -567,50 +574,31 @@ def apart(work: Callable[[], _T], cancel: npt.NDArray[np.intc] | None = None) ->
     return results[0]
 
 
-def in_parts(
-    routine: Callable[..., tuple[Any, ...]],
-    first: tuple[object, ...],
-    seconds: float,
-    *arrays: npt.NDArray[Any],
-) -> tuple[Any, ...]:
-    """Call a flat routine on so many values at a time that Ctrl-C is heard between.
-
-    ``seconds``: what a value takes at most. Values are the last axis of what is given and got.
-    """
-    n = arrays[0].shape[-1]
-    if n * seconds <= _PART:
-        return call(routine, *first, *arrays)
-    # Whole blocks and lanes of the core, so that no bit depends on where parts end.
-    wide = int(_PART / seconds)
-    size = max(wide // _BLOCK * _BLOCK, min(wide // _LANES * _LANES, _BLOCK), _LANES)
-    found: list[npt.NDArray[Any]] = []
-    for start in range(0, n, size):
-        end = start + size
-        parts = call(routine, *first, *(array[..., start:end] for array in arrays))
-        if not found:
-            found = [np.empty((*p.shape[:-1], n), dtype=p.dtype, order="F") for p in parts]
-        for whole, part in zip(found, parts, strict=True):
-            whole[..., start:end] = part
-    return tuple(found)
-
-
 def run_in_parts(
-    task: str, about: Handle, seconds: float, /, **arrays: npt.NDArray[Any]
+    task: str,
+    about: Handle | None,
+    seconds: float,
+    whole: Mapping[str, Any] = _NOTHING,
+    /,
+    **arrays: npt.NDArray[Any],
 ) -> dict[str, npt.NDArray[Any]]:
     """Run a task on so many values at a time that Ctrl-C is heard between.
 
-    ``seconds``: what a value takes at most. Values are the last axis of what is given and found.
+    ``seconds``: what a value takes at most. Values are the last axis of arrays that are given and
+    found. ``whole``: what all values share.
     """
     n = next(iter(arrays.values())).shape[-1]
+    parents = () if about is None else (about,)
     if n * seconds <= _PART:
-        return run(task, about, **arrays)
+        return run(task, *parents, **whole, **arrays)
     # Whole blocks and lanes of the core, so that no bit depends on where parts end.
     wide = int(_PART / seconds)
     size = max(wide // _BLOCK * _BLOCK, min(wide // _LANES * _LANES, _BLOCK), _LANES)
     found: dict[str, npt.NDArray[Any]] = {}
     for start in range(0, n, size):
         end = start + size
-        parts = run(task, about, **{key: own[..., start:end] for key, own in arrays.items()})
+        own = {name: array[..., start:end] for name, array in arrays.items()}
+        parts = run(task, *parents, **whole, **own)
         for name, part in parts.items():
             if name not in found:
                 found[name] = np.empty((*part.shape[:-1], n), dtype=part.dtype, order="F")

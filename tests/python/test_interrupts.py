@@ -228,7 +228,8 @@ SHORT = {
 }  # fmt: skip
 #: Plans, readers and systems, which take microseconds; what was found is fetched here too.
 QUICK = {
-    "branch plan", "end_call", "free_object", "law_compile", "response plan", "system oscillator"
+    "branch plan", "end_call", "free_object", "law compile", "law values",
+    "response plan", "system oscillator",
 }  # fmt: skip
 
 

@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from viscovib import _native
-from viscovib._native import ComplexArray, FloatArray, core
+from viscovib._native import ComplexArray, FloatArray
 from viscovib.analyses.steady import OUTCOMES
 from viscovib.analyses.torus import (
     FREQUENCIES,
@@ -340,8 +340,7 @@ def pendulum_response(
 
 def _fits(points: int, torus: Torus, bound: int) -> bool:
     """Tell whether all unknowns, most of which may not be needed, fit in some of the memory."""
-    _, n = core.lattice_orders(torus.n_axes, bound, 0)
-    return points * 3 * (2 * int(n) - 1) <= _MAX_NUMBERS // 4
+    return points * 3 * (2 * torus.count(bound) - 1) <= _MAX_NUMBERS // 4
 
 
 def _solve(
@@ -354,8 +353,7 @@ def _solve(
     duration: float,
 ) -> DrivenResponse:
     """Solve with orders to the first bound, or to as many up to the last as the tolerance needs."""
-    _, n = core.lattice_orders(torus.n_axes, bounds[1], 0)
-    n = 3 * (2 * int(n) - 1)
+    n = 3 * (2 * torus.count(bounds[1]) - 1)
     check_size(varies or "nu", rows.size, n)
     # Those that judge the solution come with the others.
     orders = torus.lattice(bounds[1] + torus.shells)

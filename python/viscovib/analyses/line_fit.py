@@ -1,7 +1,6 @@
 """Least squares fits of lines, steady or decaying, to a signal."""
 
 import math
-from collections.abc import Callable
 from copy import copy
 from functools import cache
 from typing import Any
@@ -10,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from viscovib import _native
-from viscovib._native import FloatArray, core
+from viscovib._native import FloatArray
 from viscovib.analyses.signals import windowed
 
 _MAX_ITERATIONS = 60
@@ -43,6 +42,7 @@ class LineFit:
         self.decay, self.a, self.b = np.zeros(n), np.zeros(n), np.zeros(n)
         #: Which lines may decay.
         self.damped = np.zeros(n, dtype=bool)
+        self._signal = _native.Handle("spectrum signal", signal=samples)
         self.mean = float(samples.mean())
         self.half = max(0.5 * (samples.size - 1), 1.0)
         #: Weighted sum of the squares of what was left when it was last asked for.
@@ -62,13 +62,9 @@ class LineFit:
         """Matrix and right-hand side of a step; leave the weighted sum of squares in ``total``."""
         places = np.flatnonzero(damped).astype(np.int32) + 1
         n_free = self.omega.size if free else 0
-        columns = 1 + 2 * self.omega.size + n_free + places.size
-        table = self._table()
-        matrix, right, total = self._apart(
-            lambda: core.fit_sums(self.samples, table, self.mean, n_free, places, columns)
-        )
-        self.total = float(total)
-        return matrix, right
+        found = self._run("line_sums", n_free=n_free, free_decay=places)
+        self.total = float(found["total"])
+        return found["matrix"], found["right"]
 
     def solve_amplitudes(self, times: int = 2) -> bool:
         """Fit mean and amplitudes; the second time to remove what rounding left."""
@@ -239,13 +235,18 @@ class LineFit:
 
     def _left(self) -> FloatArray:
         """Amplitude spectrum of what the lines leave, under a Hann window."""
-        left = self._apart(lambda: core.fit_residual(self.samples, self._table(), self.mean))
+        left = self._run("line_residual")["residual"]
         spectra, _ = windowed(left[:, np.newaxis], 2)
         amplitudes: FloatArray = np.abs(spectra[:, 0])
         return amplitudes
 
-    def _apart(self, work: Callable[[], Any]) -> Any:
-        """Do what takes long with many samples so that Ctrl-C is heard."""
+    def _run(self, task: str, **values: Any) -> dict[str, Any]:
+        """Run a task about samples and lines; with many samples so that Ctrl-C is heard."""
+        table, mean = self._table(), float(self.mean)
+
+        def work() -> dict[str, Any]:
+            return _native.run(f"spectrum {task}", self._signal, lines=table, mean=mean, **values)
+
         many = self.samples.size * (1 + self.omega.size) > _native.MANY_SAMPLES
         return _native.apart(work) if many else work()
 

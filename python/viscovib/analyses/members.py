@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from viscovib import _native
-from viscovib._native import FloatArray, core
+from viscovib._native import FloatArray
 from viscovib.analyses.memoryless import SIDE_BY_SIDE, checked_state
 from viscovib.analyses.runs import MAX_STEPS, has_outrun
 from viscovib.errors import InputError
@@ -91,7 +91,7 @@ class PendulumMembers(Members):
         for name, values in self.varied.items():
             self.flat[PARAMETERS.index(name)] = values
         self.flat = np.asfortranarray(self.flat)
-        self.natural = _native.call(core.pendulum_frequencies, self.flat)[0]
+        self.natural = _native.run("system pendulum_frequencies", flat=self.flat)["omega"]
 
     def load_frequencies(self, sections: int) -> tuple[str, FloatArray]:
         """Return those of p1, p2 or p3."""

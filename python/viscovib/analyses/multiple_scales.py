@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from viscovib import _native
-from viscovib._native import ComplexArray, FloatArray, core
+from viscovib._native import ComplexArray, FloatArray
 from viscovib.analyses.beat_stability import growth_of_neighbours
 from viscovib.analyses.scales_form import ORDERINGS, ScalesForm
 from viscovib.analyses.scales_terms import FlowTerm, free_frequencies
@@ -31,8 +31,8 @@ from viscovib.systems.oscillators import Oscillator
 from viscovib.systems.pendulum import Pendulum
 from viscovib.systems.structure import Structure
 
-#: Room for conditions at first; where there are more the call is repeated.
-_ROOM = 500
+#: Steps of the modulation equations at most.
+_MOST_STEPS = 10_000_000
 #: Points at which the error of a motion is computed; between them it is read off. At least and
 #: at most so many, and one in so many steps: amplitudes are taken as cubic between them.
 _KNOTS, _MOST_KNOTS, _STEPS_A_KNOT = 65, 1025, 5
@@ -157,21 +157,20 @@ class MultipleScales:
         self._names = system.dof_names if names is None else names
         self._form = ScalesForm.of(system, forces, nu, self.ordering)
         self._n_dof, self._n = self._form.n_dof, self._form.n
-        exponents, shapes, interaction, frame, units, autonomous, terms = self._form.equations(
-            self._tolerance
-        )
+        found = self._form.equations(self._tolerance)
+        exponents, interaction = found["exponents"], found["interaction"]
         self.exponents: ComplexArray = exponents
         self.frequencies: FloatArray = exponents.imag.copy()
         self.decay: FloatArray = -exponents.real
-        shapes = np.ascontiguousarray(shapes[: self._n_dof])
+        shapes = np.ascontiguousarray(found["shapes"][: self._n_dof])
         self.mode_shapes = shapes if np.any(shapes.imag) else shapes.real.copy()
         self.interaction: FloatArray = np.ascontiguousarray(interaction.imag)
         self.nonlinear_decay: FloatArray = np.ascontiguousarray(-interaction.real)
-        self.frame: FloatArray = frame
+        self.frame: FloatArray = found["frame"]
         #: What unlike coordinates are compared in.
-        self._units: FloatArray = units[: self._n_dof].copy()
-        self.autonomous = bool(autonomous)
-        self.terms: tuple[FlowTerm, ...] = terms
+        self._units: FloatArray = found["units"][: self._n_dof].copy()
+        self.autonomous = bool(found["autonomous"])
+        self.terms: tuple[FlowTerm, ...] = found["terms"]
         if (self.decay < -1e-12 * self.frequencies).any():
             j = int(self.decay.argmin())
             warnings.warn(
@@ -203,17 +202,13 @@ class MultipleScales:
         loads = [load for load, _ in self._form.load_names.values()]
         drives = self._form.drives[: max(loads, default=0)]
         acting = np.flatnonzero(np.any(self._form.loads[:, : drives.size] != 0, axis=0))
-        room = n = _ROOM
-        while n >= room:
-            room = n + 1
-            coefficients, orders, divisors, n = core.scales_resonances(
-                self.frequencies, drives[acting], room
-            )
+        found = _native.run("scales resonances", natural=self.frequencies, drives=drives[acting])
+        divisors = found["divisors"]
         names = (*(f"w{j + 1}" for j in range(self._n)), *(f"p{k + 1}" for k in acting))
-        order = np.argsort(divisors[:n], kind="stable")
+        order = np.argsort(divisors, kind="stable")
         columns = (
-            map(tuple, coefficients[:, order].T.tolist()),
-            orders[order].tolist(),
+            map(tuple, found["coefficients"][:, order].T.tolist()),
+            found["orders"][order].tolist(),
             divisors[order].tolist(),
             (divisors[order] <= limit).tolist(),
         )
@@ -283,12 +278,18 @@ class MultipleScales:
             knots = np.array([0.0, 1e-9 / self.frequencies.max()])
         start = modulation.initial
         at_knots, _, _, expected = self._run(knots, None, start, 1e-8)
-        cancel = np.zeros(1, dtype=np.intc)
-        (errors,) = _native.call_interruptibly(
-            core.scales_errors, cancel, *self._form.system, self._tolerance, self._n_dof,
-            at_knots.t, np.asfortranarray(at_knots.complex_amplitudes.T / 2), expected, cancel,
+        found = self._found(
+            "errors", times=at_knots.t, amplitudes=at_knots.complex_amplitudes.T / 2,
+            expected=expected,
         )  # fmt: skip
-        return np.column_stack([np.interp(t, at_knots.t, row) for row in errors])
+        return np.column_stack([np.interp(t, at_knots.t, row) for row in found["errors"]])
+
+    def _found(self, task: str, **values: Any) -> dict[str, Any]:
+        """Run a task about the expansion so that Ctrl-C is heard."""
+        handle, tolerance = self._form.handle, float(self._tolerance)
+        return _native.apart(
+            lambda: _native.run(f"scales {task}", handle, tolerance=tolerance, **values)
+        )
 
     def response(self, parameter: str, values: npt.ArrayLike) -> ScalesResponse:
         """Return all steady motions, stable or not, over a load's frequency or amplitude.
@@ -318,30 +319,29 @@ class MultipleScales:
         if vary == 1 and not where.min() > 0:
             raise InputError(f"{parameter} = {where.min():g}: must be greater than 0")
         found = self._steady(load, vary, where, False)
-        n, which, a, frames, eigenvalues, harmonics, sizes, left_out, resting = found[:9]
-        beats, n_lines, line_of, line_frequencies, lines, may_lack = found[-6:]
-        kept = slice(n)
-        self._warn_of_beats(left_out[kept])
-        self._warn_of_lack(parameter, where[may_lack != 0])
+        sizes, resting = found["sizes"].T, found["resting"]
+        self._warn_of_beats(found["left_out"])
+        may_lack = found["may_lack"] != 0
+        self._warn_of_lack(parameter, where[may_lack])
         acting = np.flatnonzero(self._form.drives > 0)
         return ScalesResponse(
             parameter=parameter,
             values=where,
-            index=which[kept] - 1,
-            amplitudes=2 * a.T[kept],
-            frequencies=frames.T[kept].copy(),
-            eigenvalues=eigenvalues.T[kept].copy(),
-            harmonics=harmonics.T[kept].copy(),
-            order_sizes=sizes.T[kept, :3].copy(),
-            left_out=left_out[kept].copy(),
-            resting_growth=np.where(resting[kept] > _NOT_NEAR, resting[kept], -np.inf),
-            n_beats=beats[kept].copy(),
-            may_lack=may_lack != 0,
-            _lines=(line_of[:n_lines] - 1, line_frequencies[:n_lines].copy(), lines.T[:n_lines]),
+            index=found["which"] - 1,
+            amplitudes=2 * found["amplitudes"].T,
+            frequencies=found["frames"].T.copy(),
+            eigenvalues=found["eigenvalues"].T.copy(),
+            harmonics=found["harmonics"].T.copy(),
+            order_sizes=sizes[:, :3].copy(),
+            left_out=found["left_out"],
+            resting_growth=np.where(resting > _NOT_NEAR, resting, -np.inf),
+            n_beats=found["beats"],
+            may_lack=may_lack,
+            _lines=(found["line_of"] - 1, found["line_frequencies"], found["lines"].T),
             _loads={f"p{k + 1}": float(self._form.drives[k]) for k in acting},
             _varied=f"p{load}" if vary == 1 else "",
             _beside=partial(self._growth_beside, parameter),
-            _units=self._units / sizes.T[kept, 3:],
+            _units=self._units / sizes[:, 3:],
             dof_names=self._names,
             _errors=partial(self._steady_errors, load, vary, where),
             plan=self._plan(
@@ -366,24 +366,14 @@ class MultipleScales:
         self, load: int, vary: int, where: FloatArray
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
         found = self._steady(load, vary, where, True)
-        n, (of_harmonic, of_motion, of_growth) = found[0], found[9:12]
         return (
-            np.ascontiguousarray(of_harmonic.T[:n]),
-            np.ascontiguousarray(of_motion.T[:n]),
-            of_growth[:n].copy(),
+            np.ascontiguousarray(found["harmonic_errors"].T),
+            np.ascontiguousarray(found["motion_errors"].T),
+            found["growth_errors"],
         )
 
-    def _steady(self, load: int, vary: int, where: FloatArray, errors: bool) -> tuple[Any, ...]:
-        room, lines = 12 * where.size + 100, 200 * where.size + 200
-        while True:
-            cancel = np.zeros(1, dtype=np.intc)
-            found = _native.call_interruptibly(
-                core.scales_response, cancel, *self._form.system, self._tolerance, load, vary,
-                where, int(errors), self._n, self._n_dof, room, lines, cancel,
-            )  # fmt: skip
-            if found[0] <= room and found[13] <= lines:
-                return found
-            room, lines = max(room, found[0]), max(lines, found[13])
+    def _steady(self, load: int, vary: int, where: FloatArray, errors: bool) -> dict[str, Any]:
+        return self._found("response", load=load, vary=vary, values=where, with_errors=errors)
 
     def backbone(self, mode: int, amplitudes: npt.ArrayLike) -> FloatArray:
         """Return the frequency of free vibration in one mode (from 0) at real amplitudes.
@@ -404,7 +394,9 @@ class MultipleScales:
             )
         self._warn_beyond(j, float(np.abs(b).max()))
         wide = _FREE_BAND if self.tolerance is None else self.tolerance
-        terms = [x for x in self._form.equations(wide)[-1] if not any("p" in f for f in x.factors)]
+        terms = [
+            x for x in self._form.equations(wide)["terms"] if not any("p" in f for f in x.factors)
+        ]
         return free_frequencies(j, b, terms, self.frequencies, self.interaction)
 
     def _n_loads(self) -> int:
@@ -489,24 +481,21 @@ class MultipleScales:
         if (initial is None) == (amplitudes is None):
             raise InputError("initial or amplitudes: must be given, and only one of them")
         n = self._n
-        start, state = np.zeros(n, complex), np.zeros((n, 2))
+        given_start: dict[str, Any]
         if amplitudes is not None:
             start = _native.complex_array("amplitudes", amplitudes, ndim=1) / 2
             if start.shape != (n,):
                 raise InputError(f"amplitudes: must have shape ({n},), got {start.shape}")
+            given_start = {"start": start}
         else:
             given = _native.real_array("initial", initial, ndim=1)
             if given.shape != (2 * n,):
                 raise InputError(f"initial: must have shape ({2 * n},), got {given.shape}")
-            state = np.asfortranarray(given.reshape(n, 2))
-        given_start = (int(amplitudes is not None), start, state)
-        cancel = np.zeros(1, dtype=np.intc)
-        (
-            a, first, motion, sizes, frame, expected, reached, steps, outcome,
-        ) = _native.call_interruptibly(
-            core.scales_motion, cancel, *self._form.system, self._tolerance,
-            *given_start, times, error, 10_000_000, cancel,
-        )  # fmt: skip
+            given_start = {"state": given.reshape(n, 2)}
+        found = self._found(
+            "motion", **given_start, times=times, accuracy=error, max_steps=_MOST_STEPS
+        )
+        outcome, reached = found["outcome"], found["amplitudes"].shape[1]
         if outcome:
             warnings.warn(
                 f"the modulation equations end at t = {times[reached - 1] if reached else 0:g} "
@@ -514,39 +503,37 @@ class MultipleScales:
                 RangeWarning,
                 stacklevel=caller(),
             )
-        kept = slice(reached)
+        reached_ones = 2 * found["amplitudes"].T
         modulation = Modulation(
-            t=times[kept],
-            complex_amplitudes=2 * a.T[kept],
-            frame=frame,
-            initial=2 * first,
-            error=self._integration_error(2 * a.T[kept], given_start, times, error),
-            steps=int(steps),
+            t=times[:reached],
+            complex_amplitudes=reached_ones,
+            frame=found["frame"],
+            initial=2 * found["first"],
+            error=self._integration_error(reached_ones, given_start, times, error),
+            steps=found["n_steps"],
             outcome=_OUTCOMES[outcome],
             plan=self._plan(
                 f"computes: amplitudes in time, {things(times.size, 'time')} to {times[-1]:g}"
             ),
         )
-        states = np.ascontiguousarray(motion.transpose(2, 0, 1)[kept].reshape(-1, 2 * n))
-        return modulation, states, np.ascontiguousarray(sizes.T[kept]), expected
+        states = np.ascontiguousarray(found["motion"].transpose(2, 0, 1).reshape(-1, 2 * n))
+        return modulation, states, np.ascontiguousarray(found["sizes"].T), found["expected"]
 
     def _integration_error(
         self,
         amplitudes: ComplexArray,
-        given: tuple[int, ComplexArray, FloatArray],
+        given: dict[str, Any],
         times: FloatArray,
         accuracy: float,
     ) -> FloatArray:
         """What much finer steps change of amplitudes in time, and rounding."""
-        cancel, least = np.zeros(1, dtype=np.intc), max(_FINER * accuracy, _FINEST)
-        finer, _, _, _, _, _, reached, steps, _ = _native.call_interruptibly(
-            core.scales_motion, cancel, *self._form.system, self._tolerance, *given, times,
-            least, 10_000_000, cancel,
-        )  # fmt: skip
+        least = max(_FINER * accuracy, _FINEST)
+        found = self._found("motion", **given, times=times, accuracy=least, max_steps=_MOST_STEPS)
+        finer, steps = found["amplitudes"].T, found["n_steps"]
         off = np.full(len(amplitudes), np.inf)
-        n = min(len(off), int(reached))
-        off[:n] = np.abs(2 * finer.T[:n] - amplitudes[:n]).max(axis=1, initial=0.0)
+        n = min(len(off), len(finer))
+        off[:n] = np.abs(2 * finer[:n] - amplitudes[:n]).max(axis=1, initial=0.0)
         sizes = np.maximum.accumulate(np.abs(amplitudes).max(axis=1, initial=0.0))
         eps = float(np.finfo(float).eps)
         # First steps may be the same.
-        return np.asarray(off + (least + eps * np.sqrt(max(int(steps), 1))) * sizes)
+        return np.asarray(off + (least + eps * np.sqrt(max(steps, 1))) * sizes)

@@ -9,16 +9,13 @@ import numpy as np
 import numpy.typing as npt
 
 from viscovib import _native
-from viscovib._native import FloatArray, core
+from viscovib._native import FloatArray
 from viscovib.analyses.scales_terms import FlowTerm
 from viscovib.errors import InputError
 from viscovib.systems.cubic_system import CubicSystem
 from viscovib.systems.oscillators import Oscillator, refuse_turning
 from viscovib.systems.pendulum import Pendulum
 
-#: Room for terms at first; where there are more the call is repeated.
-_ROOM = 500
-_MAX_FORM = 20_000
 ORDERINGS = ("general", "weak_coupling")
 
 
@@ -29,14 +26,14 @@ class ScalesForm:
     Attributes
     ----------
     packed : ndarray
-    system : tuple
-        ``packed``, the system itself and its kernels, as every flat routine takes them.
+    handle : Handle
+        The form and its system in the core.
     load_names : dict
         For each number that may vary its load (from 1), and 1 for a frequency, 2 for an amplitude.
     """
 
     packed: FloatArray
-    system: tuple[Any, ...]
+    handle: _native.Handle
     load_names: dict[str, tuple[int, int]]
 
     @classmethod
@@ -48,27 +45,21 @@ class ScalesForm:
         ordering: str,
     ) -> ScalesForm:
         """Pack a system; an oscillator has no load of its own."""
-        nothing = np.zeros(1)
-        flat, kernels = nothing, (0, nothing, 0, nothing)
         if isinstance(system, Pendulum):
-            flat = system._flat
-            found, length = _native.call(
-                core.pendulum_form, flat, ORDERINGS.index(ordering) + 1, _MAX_FORM
-            )
-            packed: FloatArray = found[:length].copy()
+            number = ORDERINGS.index(ordering) + 1
+            handle = _native.Handle("scales form", system._handle, ordering=number)
             names = {"p1": (1, 1), "p2": (2, 1), "p3": (3, 1), "f0": (1, 2),
                      "m01": (2, 2), "m02": (3, 2)}  # fmt: skip
         elif isinstance(system, Oscillator):
             refuse_turning(system, "an expansion in multiple scales")
-            flat, kernels = system._flat, system._kernels
-            packed = _oscillator(system, load, nu)
+            handle = _oscillator(system, load, nu)
             names = {"nu": (1, 1), "load": (1, 2)}
         else:
-            packed = system._packed
-            n_loads = int(packed[4])
+            handle = _native.Handle("scales form", packed=system._packed)
+            n_loads = int(system._packed[4])
             names = {f"p{k + 1}": (k + 1, 1) for k in range(n_loads)}
             names |= {f"f{k + 1}": (k + 1, 2) for k in range(n_loads)}
-        return cls(packed, (packed, flat, *kernels), names)
+        return cls(_native.run("scales numbers", handle)["numbers"], handle, names)
 
     @property
     def n_dof(self) -> int:
@@ -90,19 +81,14 @@ class ScalesForm:
         """Loads, shape (n, n_loads)."""
         return self._tail()[0]
 
-    def equations(self, tolerance: float) -> tuple[Any, ...]:
-        """Return the modulation equations and what belongs to them, as the core has it."""
-        room = n_terms = _ROOM
-        while n_terms >= room:
-            room = n_terms + 1
-            *found, n_terms, terms, coefficients = _native.call(
-                core.scales_form, *self.system, tolerance, self.n, int(self.packed[0]), room
-            )
-        read = tuple(
-            FlowTerm(int(terms[0, i]) - 1, _factors(terms[1:, i]), complex(coefficients[i]))
-            for i in range(n_terms)
+    def equations(self, tolerance: float) -> dict[str, Any]:
+        """Return the modulation equations with their terms, and the modes."""
+        found = _native.run("scales equations", self.handle, tolerance=float(tolerance))
+        pairs = zip(found["terms"].T, found["coefficients"], strict=True)
+        found["terms"] = tuple(
+            FlowTerm(int(row[0]) - 1, _factors(row[1:]), complex(c)) for row, c in pairs
         )
-        return (*found, read)
+        return found
 
     def _tail(self) -> tuple[FloatArray, FloatArray]:
         """Loads and their frequencies out of the packed numbers."""
@@ -113,7 +99,7 @@ class ScalesForm:
         return loads.reshape(n, n_loads, order="F"), drives
 
 
-def _oscillator(system: Oscillator, load: npt.ArrayLike | None, nu: float | None) -> FloatArray:
+def _oscillator(system: Oscillator, load: npt.ArrayLike | None, nu: float | None) -> _native.Handle:
     n_dof = len(system.dof_names)
     forces = _native.real_array("load", 0.0 if load is None else load)
     if forces.shape not in ((), (n_dof,)):
@@ -125,12 +111,7 @@ def _oscillator(system: Oscillator, load: npt.ArrayLike | None, nu: float | None
     frequency = _native.number("nu", 1.0 if nu is None else nu)
     if frequency <= 0:
         raise InputError(f"nu = {frequency:g}: must be greater than 0")
-    packed, length = _native.call(
-        core.oscillator_form, system._flat, *system._kernels, forces, frequency, _MAX_FORM
-    )
-    if length > _MAX_FORM:
-        raise InputError("system: has too many terms for multiple scales")
-    return np.asarray(packed[:length].copy())
+    return _native.Handle("scales form", system._handle, load=forces, nu=frequency)
 
 
 def _factors(row: Any) -> tuple[str, ...]:

@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from viscovib import _native
-from viscovib._native import ComplexArray, FloatArray, core
+from viscovib._native import ComplexArray, FloatArray
 from viscovib.common.parameters import Names
 from viscovib.errors import ConvergenceWarning, InputError
 from viscovib.results.trajectory import Trajectory
@@ -103,8 +103,8 @@ def _of_trajectory(
 
 def tell_aliases(name: str, u: FloatArray, v: FloatArray, step: float, stacklevel: int) -> bool:
     """Warn of a coordinate that swings faster than its states tell, by its velocities."""
-    share, told = core.aliased_part(u, v, step)
-    if told:
+    share, is_large = aliased_part(u, v, step)
+    if is_large:
         warnings.warn(
             f"states {step:.4g} apart are too far for {name}: by its velocity "
             f"{100 * min(share, 1.0):.0f} % of it is faster than {math.pi / step:.4g} rad/s, "
@@ -112,16 +112,23 @@ def tell_aliases(name: str, u: FloatArray, v: FloatArray, step: float, stackleve
             ConvergenceWarning,
             stacklevel=stacklevel,
         )
-    return bool(told)
+    return is_large
+
+
+def aliased_part(u: FloatArray, v: FloatArray, step: float) -> tuple[float, bool]:
+    """Part of a displacement that is folded to other frequencies, by its velocity.
+
+    Also whether that is worth a warning.
+    """
+    found = _native.run("spectrum aliased", u=u, v=v, step=step)
+    return found["share"], bool(found["is_large"])
 
 
 def windowed(columns: FloatArray, window: int) -> tuple[ComplexArray, float]:
     """One-sided spectra of signals, a column each, and the noise bandwidth of the window."""
 
     def work() -> tuple[ComplexArray, float]:
-        found: tuple[ComplexArray, float] = _native.call(
-            core.windowed_spectrum, np.asfortranarray(columns), window, columns.shape[0] // 2 + 1
-        )
-        return found
+        found = _native.run("spectrum windowed", signals=columns, window=window)
+        return found["spectra"], found["bandwidth"]
 
     return _native.apart(work) if columns.size > _native.MANY_SAMPLES else work()

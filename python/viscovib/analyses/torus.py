@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from viscovib import _native
-from viscovib._native import ComplexArray, FloatArray, Handle, core
+from viscovib._native import ComplexArray, FloatArray, Handle
 from viscovib.errors import InputError
 from viscovib.systems.pendulum import Pendulum
 
@@ -42,12 +42,18 @@ class Torus:
 
     def lattice(self, bound: int) -> IntArray:
         """Half of the orders with |k1| + |k2| + ... <= bound, 0 first, shape (n, n_axes)."""
-        _, n = core.lattice_orders(self.n_axes, bound, 0)
-        return np.ascontiguousarray(core.lattice_orders(self.n_axes, bound, n)[0].T)
+        orders = _native.run("lattice orders", n_axes=self.n_axes, bound=bound)["orders"]
+        return np.ascontiguousarray(orders.T, dtype=np.int32)
+
+    def count(self, bound: int) -> int:
+        """Number of orders of this lattice."""
+        found = _native.run("lattice orders", n_axes=self.n_axes, bound=bound, count_only=True)
+        return int(found["n"])
 
     def largest(self, share: float = 1.0, *, matrix: bool = True) -> int:
         """Largest bound for which a share of the unknowns is not too many, for a matrix of them."""
-        return int(core.lattice_bound(self.n_axes, share, int(matrix)))
+        found = _native.run("lattice bound", n_axes=self.n_axes, share=float(share), matrix=matrix)
+        return int(found["bound"])
 
     @property
     def lowest(self) -> int:
@@ -60,8 +66,8 @@ class Torus:
         return int(self._bounds()[1])
 
     def _bounds(self) -> tuple[int, int]:
-        lowest, usual = core.lattice_default(np.asfortranarray(self.drive_orders.T))
-        return lowest, usual
+        found = _native.run("lattice usual_bounds", drive_orders=self.drive_orders.T)
+        return found["lowest"], found["usual"]
 
     @property
     def shells(self) -> int:
@@ -88,17 +94,20 @@ def make_torus(pend: Pendulum, varies: str | None, subharmonic: int, max_denomin
 
     A frequency that varies keeps an axis of its own; "nu" moves all of them together.
     """
-    sizes = [getattr(pend, name) for name in AMPLITUDES]
-    n_axes, base, drive_orders, named, axis, multiple = _native.call(
-        core.sort_torus, [getattr(pend, name) for name in FREQUENCIES], sizes, _code(varies),
-        subharmonic, max_denominator,
+    found = _native.run(
+        "lattice sort", frequency=_numbers(pend, FREQUENCIES), amplitude=_numbers(pend, AMPLITUDES),
+        varies=_code(varies), subharmonic=subharmonic, max_denominator=max_denominator,
     )  # fmt: skip
     return Torus(
-        names=tuple("nu" if j == 0 else FREQUENCIES[j - 1] for j in named[:n_axes].tolist()),
-        base=base[:n_axes].copy(),
-        drive_orders=np.ascontiguousarray(drive_orders[:n_axes].T),
-        varying=(axis, multiple),
+        names=tuple("nu" if j == 0 else FREQUENCIES[j - 1] for j in found["named"].tolist()),
+        base=found["base"],
+        drive_orders=np.ascontiguousarray(found["drive_orders"].T, dtype=np.int32),
+        varying=(found["axis"], found["multiple"]),
     )
+
+
+def _numbers(pend: Pendulum, names: tuple[str, ...]) -> FloatArray:
+    return np.array([getattr(pend, name) for name in names])
 
 
 def _code(varies: str | None) -> int:
@@ -155,11 +164,11 @@ def kept_by_symmetry(
 
     Shape (n_orders, 3): half of them where system and loads are symmetric.
     """
-    sizes = [getattr(pend, name) for name in AMPLITUDES]
-    kept: IntArray = core.lattice_kept(
-        np.asfortranarray(torus.drive_orders.T), np.asfortranarray(orders.T), sizes, _code(varies)
-    )
-    return kept
+    kept = _native.run(
+        "lattice kept", drive_orders=torus.drive_orders.T, orders=orders.T,
+        amplitude=_numbers(pend, AMPLITUDES), varies=_code(varies),
+    )["kept"]  # fmt: skip
+    return np.asarray(kept, dtype=np.int32)
 
 
 def bound_of(torus: Torus, harmonics: object, largest: int) -> int:

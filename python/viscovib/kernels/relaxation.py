@@ -12,7 +12,6 @@ from __future__ import annotations
 
 import warnings
 from abc import ABC, abstractmethod
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, ClassVar
@@ -21,7 +20,7 @@ import numpy as np
 import numpy.typing as npt
 
 from viscovib import _native
-from viscovib._native import ComplexArray, FloatArray, core
+from viscovib._native import ComplexArray, FloatArray
 from viscovib.common.parameters import TOLERANCE, Number
 from viscovib.errors import ConvergenceWarning, InputError, caller
 
@@ -52,14 +51,23 @@ class Kernel(ABC):
 
         It is inf for some kernels. At 1 or more the relaxed stiffness is not positive.
         """
-        return float(_native.call(core.kernel_integral, self._kind, self._data)[0])
+        return float(_native.run("kernel integral", self._handle)["integral"])
+
+    @cached_property
+    def _handle(self) -> _native.Handle:
+        """The kernel in the core."""
+        return self._in_core(self._data)
+
+    def _in_core(self, data: FloatArray) -> _native.Handle:
+        """A kernel of this kind in the core."""
+        return _native.Handle("kernel new", kind=self._kind, data=data)
 
     def __call__(self, t: npt.ArrayLike) -> FloatArray:
         """R(t) (1/s) at times t > 0 (s), any shape."""
         times = _positive_times(t)
-        (values,) = _native.in_parts(
-            core.kernel_value, (self._kind, self._data), 200 * self._seconds, times.ravel()
-        )
+        values = _native.run_in_parts(
+            "kernel value", self._handle, 200 * self._seconds, t=times.ravel()
+        )["values"]
         _native.check_range("t", times, values, "R(t)")
         result: FloatArray = _same_shape(values, times)
         return result
@@ -69,7 +77,7 @@ class Kernel(ABC):
         frequencies = _native.real_array("mu", mu)
         if not np.isfinite(self.integral) and (frequencies == 0).any():
             raise InputError("mu = 0: this kernel has no integral, mu must not be 0")
-        values = self._in_units(core.kernel_transform, "mu", frequencies)
+        values = self._in_units("transform", "mu", frequencies)
         result: ComplexArray = _same_shape(values, frequencies)
         return result
 
@@ -87,7 +95,7 @@ class Kernel(ABC):
         A pole, or the end of the cut, is an `InputError`.
         """
         points = _native.complex_array("s", s)
-        values = self._in_units(core.kernel_laplace, "s", points)
+        values = self._in_units("laplace", "s", points)
         result: ComplexArray = _same_shape(values, points)
         return result
 
@@ -97,7 +105,7 @@ class Kernel(ABC):
         Times t > 0 (s), any shape; dimensionless.
         """
         times = _positive_times(t)
-        total = self._in_units(core.kernel_accumulated, "t", times, -1)
+        total = self._in_units("accumulated", "t", times, -1)
         result: FloatArray = _same_shape(1 - total, times)
         return result
 
@@ -116,22 +124,19 @@ class Kernel(ABC):
         """Parameters with times in units of ``unit`` (s): those of unit R(unit t)."""
 
     def _in_units(
-        self,
-        routine: Callable[..., tuple[Any, ...]],
-        name: str,
-        points: npt.NDArray[Any],
-        power: int = 1,
+        self, what: str, name: str, points: npt.NDArray[Any], power: int = 1
     ) -> npt.NDArray[Any]:
-        """Call a routine whose values have no unit; where they are not finite, in other units.
+        """Find values that have no unit; where they are not finite, in other units.
 
         Powers of points far out leave the range of numbers in seconds. Points have the unit
         s^-power.
         """
         flat = points.ravel()
         seconds = self._seconds if power > 0 else self._relaxing
-        (values,) = _native.in_parts(routine, (self._kind, self._data), seconds, flat)
+        task = f"kernel {what}"
+        values = _native.run_in_parts(task, self._handle, seconds, **{name: flat})["values"]
         if _native.all_finite(values):
-            return np.asarray(values)
+            return values
         sizes = np.maximum(np.abs(flat.real), np.abs(flat.imag))
         for far, factor in ((sizes > 1 / _SMALL, _SMALL**2), (sizes < _SMALL, _SMALL**-2)):
             far &= (sizes != 0) & ~np.isfinite(values)
@@ -139,12 +144,12 @@ class Kernel(ABC):
                 with np.errstate(over="ignore", invalid="ignore"):
                     data = self._scaled(factor**power)
                 if np.isfinite(data).all():
-                    (values[far],) = _native.in_parts(
-                        routine, (self._kind, data), seconds, flat[far] * factor
-                    )
-        what = "the transform" if power > 0 else "the relaxation"
-        _native.check_range(name, points, values, what)
-        return np.asarray(values)
+                    values[far] = _native.run_in_parts(
+                        task, self._in_core(data), seconds, **{name: flat[far] * factor}
+                    )["values"]
+        found = "the transform" if power > 0 else "the relaxation"
+        _native.check_range(name, points, values, found)
+        return values
 
     def sum_of_exponentials(
         self, *, tolerance: float = 1e-10, t_min: float, t_max: float
@@ -246,19 +251,17 @@ class Kernel(ABC):
         self, tolerance: float, first: float, last: float
     ) -> tuple[FloatArray, FloatArray]:
         """Weights and rates of the core."""
-        room = 512
-        while True:
-            n, weights, rates = _native.call_interruptibly(
-                core.kernel_exponentials, None, self._kind, self._data, tolerance, first, last, room
+        found = _native.apart(
+            lambda: _native.run(
+                "kernel exponentials", self._handle, tolerance=tolerance, t_min=first, t_max=last
             )
-            if n == 0:
-                raise InputError(
-                    f"alpha: this kernel is too close to a single rate for a sum of exponentials "
-                    f"to {tolerance:g}; must be further from 1, or 1"
-                )
-            if n <= room:
-                return weights[:n], rates[:n]
-            room = n
+        )
+        if not found["rates"].size:
+            raise InputError(
+                f"alpha: this kernel is too close to a single rate for a sum of exponentials "
+                f"to {tolerance:g}; must be further from 1, or 1"
+            )
+        return found["weights"], found["rates"]
 
     def _check(self) -> None:
         """Let the core judge the parameters."""

@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from viscovib import _native
-from viscovib._native import FloatArray, core
+from viscovib._native import FloatArray
 from viscovib.errors import InputError, StabilityWarning, caller
 from viscovib.kernels.relaxation import Kernel, _vectors
 
@@ -99,7 +99,7 @@ class TabulatedKernel(Kernel):
         warnings.warn(text, StabilityWarning, stacklevel=caller())
 
     def _warn_of_what_is_not_seen(self, times: FloatArray) -> None:
-        (unseen,) = _native.call(core.kernel_unseen, self._kind, self._data)
+        unseen = _native.run("kernel integral", self._handle)["unseen"]
         if unseen > _UNSEEN * abs(self.integral):
             text = (
                 f"the first values rise towards t = 0 like a power of t: an integral of about "

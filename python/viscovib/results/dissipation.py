@@ -7,9 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from viscovib._native import ComplexArray, FloatArray, core
+from viscovib._native import ComplexArray, FloatArray
 from viscovib.errors import InputError
 from viscovib.results.structure_view import View
+from viscovib.systems.friction import cycles
 from viscovib.systems.laws import Law
 from viscovib.systems.load import base_shifts
 from viscovib.systems.polynomial_system import PolynomialSystem
@@ -215,5 +216,4 @@ def _of_hysteresis(law: Any, orders: Any, d: ComplexArray) -> float:
         step = rate / np.where(bend == 0, np.inf, bend)
         phase = phase - np.clip(step, -2 * np.pi / n, 2 * np.pi / n)
     ends = (np.exp(1j * np.outer(phase, orders)) @ d).imag
-    rows = np.asfortranarray(ends[:, np.newaxis])
-    return float(core.hysteresis_loops(law.state, np.array(law.number[1:]), rows)[1][0])
+    return float(cycles(law.state, law.number[1:], ends[:, np.newaxis])[1][0])

@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING, Any, cast
 import numpy as np
 
 from viscovib import _native
-from viscovib._native import core
 from viscovib.analyses.backbones import Backbone
 from viscovib.analyses.driven_branch import DrivenBranch
 from viscovib.analyses.forced import forced_response
@@ -30,7 +29,7 @@ from viscovib.results.response import Response
 from viscovib.results.sampling import NOTES
 from viscovib.results.scales import ScalesResponse
 from viscovib.results.trajectory import Trajectory, given_plan
-from viscovib.scene.scene import Scene, read_text, texts
+from viscovib.scene.scene import Scene, texts
 from viscovib.scene.table import TableResult, run_tables
 
 if TYPE_CHECKING:
@@ -284,7 +283,8 @@ def plan(scene: Scene | str | os.PathLike[str]) -> Plan:
     read = scene if isinstance(scene, Scene) else Scene.read(scene)
     if read.groups["sweep"]:
         return _plan_sweep(read)
-    return Plan(read_text(core.scene_plan, os.fsencode(read.path), read.canonical.encode()))
+    given = {"path": os.fsencode(read.path), "text": read.canonical.encode()}
+    return Plan(_native.run("scene plan", **given)["plan"])
 
 
 def _plan_sweep(scene: Scene) -> Plan:

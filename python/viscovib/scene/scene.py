@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 import os
 import re
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from importlib import import_module
 from pathlib import Path
@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from viscovib import _native
-from viscovib._native import FloatArray, core
+from viscovib._native import FloatArray
 from viscovib.analyses.backbones import Backbone
 from viscovib.analyses.driven_branch import DrivenBranch
 from viscovib.analyses.events import Event
@@ -321,14 +321,8 @@ class Scene:
         group = self._group("response")
         if "nu" in group:
             return np.atleast_1d(np.asarray(group["nu"], dtype=float))
-        return np.asarray(
-            core.frequency_grid(
-                group["nu_from"],
-                group["nu_to"],
-                int(group["nu_spacing"] == "log"),
-                group["nu_count"],
-            )
-        )
+        log = group["nu_spacing"] == "log"
+        return _grid(group["nu_from"], group["nu_to"], group["nu_count"], log)
 
     def sweep_grid(self) -> dict[str, FloatArray]:
         """Values of each parameter of the &sweep groups."""
@@ -337,8 +331,8 @@ class Scene:
             if "values" in group:
                 values = np.atleast_1d(np.asarray(group["values"], dtype=float))
             else:
-                log = int(group["spacing"] == "log")
-                values = core.frequency_grid(group["min"], group["max"], log, group["count"])
+                log = group["spacing"] == "log"
+                values = _grid(group["min"], group["max"], group["count"], log)
             grid[group["key"].lower()] = np.asarray(values)
         if not grid:
             raise InputError(f"{self.path}: has no &sweep group, and no grid is given")
@@ -402,7 +396,7 @@ class Scene:
 
     def _steady(self) -> ScalesResponse:
         group = self._group("multiple_scales")
-        values = core.frequency_grid(group["from"], group["to"], 0, group["count"])
+        values = _grid(group["from"], group["to"], group["count"], False)
         if self.is_pendulum:
             system = MultipleScales(
                 self.pendulum(), tolerance=_band(group), ordering=group["ordering"]
@@ -510,23 +504,22 @@ def _band(group: Mapping[str, Any]) -> float | None:
 
 def _canonical(path: str | os.PathLike[str], allow_paths: bool) -> str:
     encoded = os.fsencode(FilePath("path").check(path))
-    return read_text(core.scene_canonical, encoded, int(allow_paths))
+    text: str = _native.run("scene canonical", path=encoded, allow_paths=allow_paths)["text"]
+    return text
 
 
 def _canonical_text(name: str, text: str) -> str:
-    return read_text(
-        core.scene_canonical_of_text, *(_native.letters("scene", one) for one in (name, text))
+    given = {"path": _native.letters("scene", name), "text": _native.letters("scene", text)}
+    canonical: str = _native.run("scene canonical", **given)["text"]
+    return canonical
+
+
+def _grid(first: float, last: float, n: int, logarithmic: bool) -> FloatArray:
+    """Values with equal steps, or equal factors, as the driver makes them."""
+    found = _native.run(
+        "scene grid", first=float(first), last=float(last), n=n, logarithmic=logarithmic
     )
-
-
-def read_text(routine: Callable[..., tuple[Any, ...]], *given: bytes | int) -> str:
-    """Call a routine of the core that returns a text of any length."""
-    room = 1 << 16
-    while True:
-        text, length = _native.call(routine, *given, room)
-        if length <= room:
-            return bytes(text.tobytes()[:length]).decode()
-        room = int(length)
+    return np.asarray(found["values"])
 
 
 def texts(value: str | list[str]) -> tuple[str, ...]:

@@ -15,7 +15,6 @@ import numpy as np
 import numpy.typing as npt
 
 from viscovib import _native
-from viscovib._native import core
 from viscovib.common.plan import Plan
 from viscovib.common.results import Number, Panel, Result
 from viscovib.common.tables import Table
@@ -102,17 +101,11 @@ def run_tables(scene: Scene, kinds: Sequence[str], plan: Plan) -> list[TableResu
     ``kinds``: their names, as in those of the files.
     """
     with TemporaryDirectory(prefix="viscovib") as folder:
-        text, length, complete = _native.call_interruptibly(
-            core.scene_run,
-            None,
-            os.fsencode(scene.path),
-            scene.canonical.encode(),
-            folder.encode(),
-            4096,
-        )
-        told = os.fsdecode(bytes(text.tobytes()[:length]))
+        given = {"path": os.fsencode(scene.path), "text": scene.canonical.encode()}
+        found = _native.apart(lambda: _native.run("scene run", **given, folder=os.fsencode(folder)))
+        complete, told = bool(found["complete"]), found["summary"]
         return [
-            _read(scene, kind, Path(folder), plan, complete=bool(complete), told=told)
+            _read(scene, kind, Path(folder), plan, complete=complete, told=told)
             for kind in kinds
             if complete or _path(scene, kind, Path(folder)).exists()
         ]

@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from viscovib import _native
-from viscovib._native import FloatArray, core
+from viscovib._native import FloatArray
 from viscovib.common.values import own_fields
 from viscovib.errors import InputError
 from viscovib.systems.laws import Law
@@ -17,6 +17,12 @@ from viscovib.systems.laws import Law
 _ARGUMENT, _NUMBER = 2, 1
 #: Elements in parallel, and bounds of exponents.
 _MOST, _EXPONENTS = 200, (1.0, 20.0)
+
+
+def cycles(state: int, numbers: Sequence[float], d: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Forces of an element over cycles of deflections, shape (n, m), and the energies lost."""
+    found = _native.run("law loops", state=state, numbers=np.array(numbers, dtype=float), d=d)
+    return found["force"], found["lost"]
 
 
 class Hysteresis:
@@ -69,8 +75,8 @@ class Hysteresis:
         samples = _native.real_array("d", d)
         if samples.ndim == 0 or samples.shape[-1] < 2:
             raise InputError(f"d: must have shape (..., n), n > 1, got {samples.shape}")
-        rows = np.asfortranarray(samples.reshape(-1, samples.shape[-1]).T)
-        force, lost = core.hysteresis_loops(self._state, np.array(self._numbers), rows)
+        rows = samples.reshape(-1, samples.shape[-1]).T
+        force, lost = cycles(self._state, self._numbers, rows)
         if not (_native.all_finite(force) and _native.all_finite(lost)):
             raise InputError(
                 f"d = {np.abs(samples).max():g}: force or energy is no finite number, must be "

@@ -12,13 +12,13 @@ import numpy as np
 import numpy.typing as npt
 
 from viscovib import _native
-from viscovib._native import FloatArray, core
+from viscovib._native import FloatArray
 from viscovib.common.expression import Polynomial, expand
 from viscovib.errors import InputError
 from viscovib.systems.python_law import CalledLaw, PythonLaw
 from viscovib.systems.traced_law import text_of
 
-_FIELD, _MAX_CODE, _MAX_LENGTH = 64, 2000, 20_000
+_FIELD, _MAX_LENGTH = 64, 20_000
 #: Instructions of the core.
 _NUMBER, _ARGUMENT, _SUBTRACT, _MULTIPLY = 1, 2, 4, 5
 _ODD = -1
@@ -68,20 +68,18 @@ class Law:
 
     def __call__(self, at: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Values, shape (n,), and derivatives, shape (n, n_arguments), at (n, n_arguments)."""
-        value, slopes = core.law_values(*self._program, np.asfortranarray(at))
-        _native.raise_unheard()
-        return np.asarray(value), np.asarray(slopes)
+        found = _native.run("law values", **self._program, arguments=at, with_slopes=True)
+        return found["values"], found["slopes"]
 
     def values(self, at: FloatArray) -> FloatArray:
         """Values alone, which take half the time."""
-        value = core.law_values_alone(*self._program, np.asfortranarray(at))
-        _native.raise_unheard()
-        return np.asarray(value)
+        found = _native.run("law values", **self._program, arguments=at, with_slopes=False)
+        return np.asarray(found["values"])
 
     @cached_property
-    def _program(self) -> tuple[npt.NDArray[np.intc], FloatArray]:
+    def _program(self) -> dict[str, Any]:
         """Instructions and their numbers as the core takes them."""
-        return np.array(self.code, dtype=np.intc), np.array(self._numbers_of_core)
+        return {"code": np.array(self.code), "number": np.array(self._numbers_of_core, dtype=float)}
 
     @property
     def _numbers_of_core(self) -> tuple[float, ...]:
@@ -206,15 +204,15 @@ def compile_law(
     shown = repr(text if len(text) <= 60 else text[:57] + "...")
     letters = _native.letters(where, text)
     try:
-        code, number, n, parity, degree = _native.call(
-            core.law_compile, letters, _fields(arguments), len(arguments),
-            _fields(names), np.array([parameters[name] for name in names]), _MAX_CODE,
+        found = _native.run(
+            "law compile", text=letters, arguments=_fields(arguments), names=_fields(names),
+            values=np.array([parameters[name] for name in names], dtype=float),
         )  # fmt: skip
     except InputError as error:
         told = _told_of_name(str(error), arguments, named=named)
         raise InputError(f"{where} = {shown}: {told}") from None
-    steps = tuple(code[:n].tolist()), tuple(number[:n].tolist())
-    return Law(text, tuple(arguments), *steps, parity, degree, n_rates)
+    steps = tuple(found["code"].tolist()), tuple(found["number"].tolist())
+    return Law(text, tuple(arguments), *steps, found["parity"], found["degree"], n_rates)
 
 
 @dataclass(frozen=True, eq=False)
@@ -244,18 +242,15 @@ def compile_many(
     """
     values = np.array(list(parameters.values())).reshape(len(parameters), n)
     letters = _native.letters("law", text)
-    room = min(len(text) + 1, _MAX_CODE)
-    names = _fields(list(parameters))
-    code, number, lengths, _, _, slopes, flaws = _native.in_parts(
-        core.law_compile_many,
-        (letters, _fields(arguments), len(arguments), names, _NEAR, room),
-        5e-8 * len(text) + 5e-6,
-        np.asfortranarray(values),
-    )
-    if flaws.any():
+    names = {"arguments": _fields(arguments), "names": _fields(list(parameters))}
+    found = _native.run_in_parts(
+        "law compile_many", None, 5e-8 * len(text) + 5e-6,
+        {"text": letters, **names, "near": _NEAR}, values=values,
+    )  # fmt: skip
+    if found["flaws"].any():
         return None
-    code, number, slopes = code.T, number.T, slopes.T
-    longest = int(lengths.max())
+    code, number, slopes = (found[name].T for name in ("code", "number", "slopes"))
+    longest = int(found["lengths"].max())
     code, number = code[:, :longest], number[:, :longest]
     fixed = np.where(code == _NUMBER, 0.0, number)
     form = [*code.T, *fixed.T, *(slopes != 0).T]
@@ -450,8 +445,10 @@ def parameter_values(parameters: object, taken: Sequence[str]) -> dict[str, floa
     return values
 
 
-def _fields(names: Sequence[str]) -> str:
-    for name in names:
-        if len(name) > _FIELD:
+def _fields(names: Sequence[str]) -> bytes:
+    """Names as the core reads them, each in a field of its own."""
+    fields = [name.encode() for name in names]
+    for name, field in zip(names, fields, strict=True):
+        if len(field) > _FIELD:
             raise InputError(f"{name!r}: must have at most {_FIELD} characters")
-    return "".join(name.ljust(_FIELD) for name in names)
+    return b"".join(field.ljust(_FIELD) for field in fields)

@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from viscovib import _native
-from viscovib._native import ComplexArray, FloatArray, Handle, core
+from viscovib._native import ComplexArray, FloatArray, Handle
 from viscovib.errors import InputError
 
 #: What ``load`` may be: P on x; a vector over the coordinates; forces by the names of coordinates;
@@ -97,9 +97,12 @@ def fourier_coefficients(samples: npt.ArrayLike, orders: int) -> dict[int, compl
         )
     if float(np.abs(values).max()) > 1e150:
         raise InputError("samples: values beyond 1e150 leave the range of numbers")
-    n_kept = values.size // 2 + 1
-    many = values.size > _native.MANY_SAMPLES
-    (whole,) = _native.call_either(many, core.real_dft, values, n_kept)
+
+    def transform() -> ComplexArray:
+        found: ComplexArray = _native.run("spectrum transform", signal=values)["spectrum"]
+        return found
+
+    whole = _native.apart(transform) if values.size > _native.MANY_SAMPLES else transform()
     spectrum = whole[: highest + 1] / values.size
     series = {0: 1j * spectrum[0].real}
     series.update({k: 2j * spectrum[k] for k in range(1, highest + 1)})

@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from viscovib import _native
-from viscovib._native import ComplexArray, FloatArray, core
+from viscovib._native import ComplexArray, FloatArray
 from viscovib.errors import InputError, StabilityWarning, caller
 from viscovib.kernels.relaxation import Kernel
 from viscovib.systems.characteristic import CharacteristicRoots, characteristic_roots
@@ -115,11 +115,11 @@ class Mount:
 
     def natural_frequencies(self) -> FloatArray:
         """Undamped natural circular frequencies without memory (rad/s), ascending, shape (2,)."""
-        return np.asarray(_native.call(core.mount_modes, self._flat)[0])
+        return np.asarray(_native.run("system modes", self._handle)["omega"])
 
     def mode_shapes(self) -> FloatArray:
         """Mode shapes as columns (1, a_2j), shape (2, 2); unit vectors if offset is 0."""
-        return np.ascontiguousarray(_native.call(core.mount_modes, self._flat)[1])
+        return np.ascontiguousarray(_native.run("system modes", self._handle)["shapes"])
 
     def characteristic_roots(self) -> CharacteristicRoots:
         """Roots of det[s^2 M + s C + sum_j K_j (1 - R_j(s))] = 0: decay and frequency.
@@ -141,9 +141,9 @@ class Mount:
         """
         frequencies = check_dynamic_frequencies(nu, self._active_kernels)
         seconds = 1e-6 + sum(kernel._seconds for kernel in self._active_kernels)
-        (stiffness,) = _native.in_parts(
-            core.mount_dynamic_stiffness, (self._flat, *self._kernels), seconds, frequencies.ravel()
-        )
+        stiffness = _native.run_in_parts(
+            "system dynamic_stiffness", self._handle, seconds, nu=frequencies.ravel()
+        )["stiffness"]
         found = np.ascontiguousarray(np.moveaxis(stiffness, 2, 0)).reshape(*frequencies.shape, 2, 2)
         _native.check_range("nu", frequencies, found, "the dynamic stiffness")
         return found

@@ -5,13 +5,13 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 import numpy.typing as npt
 
 from viscovib import _native
-from viscovib._native import FloatArray, core
+from viscovib._native import FloatArray
 from viscovib.common.parameters import Number, checked
 from viscovib.errors import InputError
 
@@ -114,12 +114,18 @@ class Pendulum:
         flat = np.array([*numbers, EQUATIONS.index(self.equations) + 1])
         flat.flags.writeable = False
         object.__setattr__(self, "_flat", flat)
-        _native.call(core.pendulum_modes, flat)
+        # Check the numbers.
+        _ = self._handle
 
     @cached_property
     def _handle(self) -> _native.Handle:
         """The pendulum in the core."""
         return _native.Handle("system pendulum", flat=self._flat)
+
+    @property
+    def _modes(self) -> dict[str, Any]:
+        """Natural frequencies, mode shapes, r and z_r."""
+        return _native.run("system pendulum_modes", self._handle)
 
     def _shaken(self, part: float) -> Pendulum:
         """One of which all numbers that are rounded are other by this part of them.
@@ -223,20 +229,20 @@ class Pendulum:
     @property
     def r(self) -> float:
         """w3^2/w2^2 = m E L/I_A."""
-        return float(_native.call(core.pendulum_modes, self._flat)[2])
+        return float(self._modes["r"])
 
     @property
     def z_r(self) -> float:
         """Static elongation, the real root of alpha z^3 + z = w2^2."""
-        return float(_native.call(core.pendulum_modes, self._flat)[3])
+        return float(self._modes["z_r"])
 
     def natural_frequencies(self) -> FloatArray:
         """Linear undamped frequencies divided by omega_1, shape (3,): z, then swinging modes."""
-        return np.asarray(_native.call(core.pendulum_modes, self._flat)[0])
+        return np.asarray(self._modes["omega"])
 
     def mode_shapes(self) -> FloatArray:
         """Mode shapes as columns in (z, phi, psi), largest entry 1, shape (3, 3)."""
-        return np.ascontiguousarray(_native.call(core.pendulum_modes, self._flat)[1])
+        return np.ascontiguousarray(self._modes["shapes"])
 
     def rhs(self, t: npt.ArrayLike, state: npt.ArrayLike) -> FloatArray:
         """Time derivative of states, shape (..., 6), at times t (scalar or shape (...))."""
@@ -252,10 +258,10 @@ class Pendulum:
         """Derivative of `rhs` with respect to the state, shape (..., 6, 6)."""
         states = self._states(state)
         result = np.zeros((*states.shape, 6))
-        (of_accelerations,) = _native.in_parts(
-            core.pendulum_jacobian, (self._flat,), _SECONDS, self._drives(t, states),
-            states.reshape(-1, 6).T,
-        )  # fmt: skip
+        of_accelerations = _native.run_in_parts(
+            "system pendulum_jacobian", self._handle, _SECONDS, drive=self._drives(t, states),
+            state=states.reshape(-1, 6).T,
+        )["jacobian"]  # fmt: skip
         found = np.moveaxis(of_accelerations, 2, 0).reshape(*states.shape[:-1], 3, 6)
         _native.check_states(states, found, "the Jacobian matrix")
         result[..., 0, 1] = result[..., 2, 3] = result[..., 4, 5] = 1
@@ -287,12 +293,16 @@ class Pendulum:
     def _evaluate(
         self, t: npt.ArrayLike, states: FloatArray
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
-        acceleration, energy, power = _native.in_parts(
-            core.pendulum_evaluate, (self._flat,), _SECONDS, self._drives(t, states),
-            states.reshape(-1, 6).T,
+        found = _native.run_in_parts(
+            "system pendulum_motion", self._handle, _SECONDS, drive=self._drives(t, states),
+            state=states.reshape(-1, 6).T,
         )  # fmt: skip
         shape = states.shape[:-1]
-        return acceleration.T.reshape(*shape, 3), energy.reshape(shape), power.reshape(shape)
+        return (
+            found["acceleration"].T.reshape(*shape, 3),
+            found["energy"].reshape(shape),
+            found["power"].reshape(shape),
+        )
 
     def _drives(self, t: npt.ArrayLike, states: FloatArray) -> FloatArray:
         """cos(p_j t) at the time of each state, shape (3, n)."""

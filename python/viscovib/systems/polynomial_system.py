@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from viscovib import _native
-from viscovib._native import ComplexArray, FloatArray, core
+from viscovib._native import ComplexArray, FloatArray
 from viscovib.common.expression import spell
 from viscovib.common.values import own_fields
 from viscovib.errors import InputError
@@ -163,7 +163,7 @@ class PolynomialSystem:
             direction.setflags(write=False)
             self._set("base_direction", direction)
         if n <= _MAX_WHOLE:
-            _native.call(core.polynomial_check, self._vector)
+            _native.polynomial_object(self._vector)
             warn_of_lost_springs(self._mass_matrix, self._stiffness_at_rest)
         else:
             self._check_large()
@@ -208,7 +208,7 @@ class PolynomialSystem:
         laws = np.concatenate(
             [np.ravel(part) for part in condensed.law_vector(np.zeros(condensed.q))]
         )
-        _native.call(core.polynomial_check, laws)
+        _native.polynomial_object(laws)
 
     @cached_property
     def _condensation(self) -> Condensation | None:

@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 
 from viscovib import _native
-from viscovib._native import core
 from viscovib.errors import InputError
 from viscovib.systems.friction import Hysteresis
 
@@ -21,7 +20,9 @@ class _UserElement(Hysteresis):
     def __post_init__(self) -> None:
         for name in self._names:
             object.__setattr__(self, name, _native.number(name, getattr(self, name)))
-        _native.call(core.check_user_element, self._state, np.array(self._numbers))
+        _native.run(
+            "law check_user_element", state=self._state, numbers=np.array(self._numbers, float)
+        )
         if not np.isfinite(self._stiffness_at_rest):
             raise InputError(f"{type(self).__name__}: its stiffness at rest is no finite number")
 
@@ -35,15 +36,19 @@ class _UserElement(Hysteresis):
 
     @property
     def _stiffness_at_rest(self) -> float:
-        return float(core.hysteresis_at_rest(self._state, np.array(self._numbers)))
+        found = _native.run(
+            "law stiffness_at_rest", state=self._state, numbers=np.array(self._numbers, float)
+        )
+        return float(found["stiffness"])
 
 
 @cache
 def _classes() -> dict[str, type[Hysteresis]]:
     found: dict[str, type[Hysteresis]] = {}
-    for number in range(1, core.count_user_elements() + 1):
-        state, odd, text = core.describe_user_element(number)
-        name, *names = text.decode().split()
+    built = _native.run("law user_elements")
+    rows = zip(built["states"], built["odd"], built["names"].splitlines(), strict=True)
+    for state, odd, text in rows:
+        name, *names = text.split()
         bad = [one for one in names if not one.isidentifier() or iskeyword(one) or one[0] == "_"]
         if bad or len({"on", *names}) <= len(names):
             raise InputError(

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from viscovib import _native
-from viscovib._native import FloatArray, core
+from viscovib._native import FloatArray
 from viscovib.common.expression import expand, spell
 from viscovib.common.parameters import NEARLY_NOTHING
 from viscovib.errors import InputError
@@ -57,7 +57,7 @@ def varied(system: Oscillator, name: object, start: float, finish: float) -> Var
         return _of_parameter(system, name, start, finish)
     found = _of_polynomial(system, name)
     for value in (finish, start):
-        _native.call(core.polynomial_check, found.rest + value * found.direction)
+        _native.polynomial_object(found.rest + value * found.direction)
     return found
 
 
