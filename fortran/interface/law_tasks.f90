@@ -55,7 +55,7 @@ contains
     type(law_program) :: law
 
     allocate (law%code, source=task%get_integers('code'))
-    law%number = task%get_reals('number')
+    allocate (law%number, source=task%get_reals('number'))
     arguments => task%get_matrix('arguments')
     call task%check_extents('number', shape(law%number), shape(law%code))
     if (task%failed()) return

@@ -88,7 +88,7 @@ contains
 
     allocate (own)
     if (task%has('packed')) then
-      own%packed = task%get_reals('packed')
+      allocate (own%packed, source=task%get_reals('packed'))
       if (task%failed()) return
       call unpack_form(own%packed, none, own%it, task%status)
     else if (task%has('ordering')) then
