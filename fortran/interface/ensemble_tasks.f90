@@ -59,8 +59,9 @@ contains
   end subroutine ensemble_task
 
   !> Given: `initial` (2 d, n), `h` (n), `method`, `n_steps`, `n_discard`; `ahead`: so much of a
-  !! step before the last discarded one peaks and means begin; `sample_every`, `section_every`, `points`
-  !! of a section, `moments`: whether peaks and means are wanted, `n_exponents`, `lines` (m).
+  !! step before the last discarded one peaks and means begin; `sample_every`, `section_every`,
+  !! `points` of a section, `moments`: whether peaks and means are wanted, `n_exponents`, `lines`
+  !! (m).
   subroutine read_runs(self, task)
     class(runs_type), intent(out) :: self
     type(task_type), intent(inout) :: task

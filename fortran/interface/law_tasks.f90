@@ -82,8 +82,8 @@ contains
     real(wp), pointer, contiguous :: values(:)
     integer :: parity, degree
 
-    arguments = names_in(task%get_text('arguments'))
-    names = names_in(task%get_text('names'))
+    allocate (arguments, source=names_in(task%get_text('arguments')))
+    allocate (names, source=names_in(task%get_text('names')))
     values => task%get_reals('values')
     call task%check_extents('values', shape(values), shape(names))
     if (task%failed()) return
@@ -115,8 +115,8 @@ contains
     integer :: i, k, m, n, parity, degree, longest
 
     text = task%get_text('text')
-    arguments = names_in(task%get_text('arguments'))
-    names = names_in(task%get_text('names'))
+    allocate (arguments, source=names_in(task%get_text('arguments')))
+    allocate (names, source=names_in(task%get_text('names')))
     near = task%get_real('near')
     values => task%get_matrix('values')
     n = size(values, 2)
