@@ -32,13 +32,13 @@ contains
   !! between `breaks` (b); the base by `waves` (w, k), w = 1: along the direction of the system, and
   !! by the cubics `base_pieces` (4, w, c) between `base_breaks` (c = 1: none), its acceleration
   !! being in the load already; `ends` and `made_by` of the steps; `nodes` a step; `past`: 1
-  !! exponentials, 2 step by step; `held` (n): the displacement for all t < 0, or before the first of
-  !! the times `before` (m) with displacements `moved` (n, m), ascending to 0; `moves` (n), see 'moving
-  !! coordinates'; `shortest`: steps after corners of the load, and with `kinks` of the base, are
-  !! not shorter, 0: there are none; `t_end`: the end of any run that goes on. Found too: `reason`
-  !! (not 0: no run, see `viscovib_hereditary`), `resolution`: largest last Legendre coefficient of
-  !! a displacement on a step, relative to its largest value; `too_long`: how many times as long
-  !! steps are as those whose nodes see every thin layer of a law.
+  !! exponentials, 2 step by step; `held` (n): the displacement for all t < 0, or before the first
+  !! of the times `before` (m) with displacements `moved` (n, m), ascending to 0; `moves` (n), see
+  !! 'moving coordinates'; `shortest`: steps after corners of the load, and with `kinks` of the
+  !! base, are not shorter, 0: there are none; `t_end`: the end of any run that goes on. Found too:
+  !! `reason` (not 0: no run, see `viscovib_hereditary`), `resolution`: largest last Legendre
+  !! coefficient of a displacement on a step, relative to its largest value; `too_long`: how many
+  !! times as long steps are as those whose nodes see every thin layer of a law.
   subroutine run_with_memory(task)
     type(task_type), intent(inout) :: task
     type(piece_type) :: piece
