@@ -1,15 +1,24 @@
-!> One lock for tables that threads share: who does not get it at once works without the table.
+!> One lock for tables that threads share: a thread that does not get it at once works without the
+!! table. Another one for texts.
 module viscovib_locks
   use, intrinsic :: iso_c_binding, only: c_int
   implicit none
   private
 
-  public :: take_lock, release_lock
+  public :: take_lock, release_lock, lock_texts, unlock_texts
 
   interface
     integer(c_int) function c_take_lock() bind(c, name='viscovib_take_lock')
       import :: c_int
     end function c_take_lock
+
+    !> Wait until no other thread makes texts of any length, of which gfortran keeps the lengths in
+    !! static memory. A thread that has this lock may take it again.
+    subroutine lock_texts() bind(c, name='viscovib_lock_texts')
+    end subroutine lock_texts
+
+    subroutine unlock_texts() bind(c, name='viscovib_unlock_texts')
+    end subroutine unlock_texts
 
     subroutine release_lock() bind(c, name='viscovib_release_lock')
     end subroutine release_lock

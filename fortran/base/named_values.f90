@@ -57,9 +57,11 @@ contains
   integer function find(self, name) result(place)
     class(named_values), intent(inout) :: self
     character(len=*), intent(in) :: name
-    integer :: i
+    integer :: first, i
+    ! Threads may look for values of an object at the same time.
+    first = self%latest
     do i = 1, self%n
-      place = modulo(self%latest + i - 1, self%n) + 1
+      place = modulo(first + i - 1, self%n) + 1
       if (self%places(place)%name == name) then
         self%latest = place
         return

@@ -146,3 +146,23 @@ static pthread_mutex_t handles = PTHREAD_MUTEX_INITIALIZER;
 void viscovib_lock_handles(void) { pthread_mutex_lock(&handles); }
 
 void viscovib_unlock_handles(void) { pthread_mutex_unlock(&handles); }
+
+/* One thread at a time makes texts of any length: gfortran keeps the lengths of such results of
+   functions in static memory. A thread that has the lock may take it again. */
+static pthread_mutex_t texts;
+static pthread_once_t texts_made = PTHREAD_ONCE_INIT;
+
+static void make_texts(void) {
+  pthread_mutexattr_t kind;
+  pthread_mutexattr_init(&kind);
+  pthread_mutexattr_settype(&kind, PTHREAD_MUTEX_RECURSIVE);
+  pthread_mutex_init(&texts, &kind);
+  pthread_mutexattr_destroy(&kind);
+}
+
+void viscovib_lock_texts(void) {
+  pthread_once(&texts_made, make_texts);
+  pthread_mutex_lock(&texts);
+}
+
+void viscovib_unlock_texts(void) { pthread_mutex_unlock(&texts); }

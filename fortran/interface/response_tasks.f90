@@ -88,7 +88,9 @@ contains
   !> What `varies`: "nu", "load_factor", or numbers of the system by another name.
   integer function given_variation(task) result(parameter)
     type(task_type), intent(inout) :: task
-    select case (task%get_text('varies', 'nu'))
+    character(len=:), allocatable :: varies
+    call task%take_text('varies', varies, 'nu')
+    select case (varies)
     case ('nu')
       parameter = vary_frequency
     case ('load_factor')
@@ -143,7 +145,7 @@ contains
 
     call given_system(task, system, load)
     nu => task%get_reals('nu')
-    method = task%get_text('method')
+    call task%take_text('method', method)
     options = given_options(task)
     if (task%failed()) return
     call new_response_plan(plan, system, load, nu, findloc(method_names == method, .true., 1), &

@@ -35,14 +35,15 @@ contains
   subroutine read_one(task, scene)
     type(task_type), intent(inout) :: task
     type(scene_type), intent(out) :: scene
-    character(len=:), allocatable :: path
+    character(len=:), allocatable :: path, text
     logical :: allow_paths
 
-    path = task%get_text('path')
+    call task%take_text('path', path)
     allow_paths = task%get_flag('allow_paths', .false.)
     if (task%failed()) return
     if (task%has('text')) then
-      call read_scene(path, scene, task%status, task%get_text('text'))
+      call task%take_text('text', text)
+      call read_scene(path, scene, task%status, text)
     else
       call read_scene(path, scene, task%status, allow_paths=allow_paths)
     end if
@@ -72,10 +73,10 @@ contains
     type(task_type), intent(inout) :: task
     type(scene_type) :: scene
     type(scene_report) :: report
+    character(len=:), allocatable :: folder
     call read_one(task, scene)
-    if (.not. task%failed()) then
-      call run_scene(scene, task%get_text('folder'), version, report, task%status)
-    end if
+    call task%take_text('folder', folder)
+    if (.not. task%failed()) call run_scene(scene, folder, version, report, task%status)
     if (task%failed()) return
     call task%found%put_text('summary', report%summary)
     call task%found%put_integer('complete', merge(1_i8, 0_i8, report%complete))

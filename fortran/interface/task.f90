@@ -39,6 +39,7 @@ module viscovib_task
     procedure :: get_long
     procedure :: get_flag
     procedure :: get_text
+    procedure :: take_text
     procedure :: get_reals
     procedure :: get_matrix
     procedure :: get_cube
@@ -190,20 +191,33 @@ contains
     end if
   end function get_flag
 
-  function get_text(self, name, default) result(text)
+  !> A text, also where threads run the same task: gfortran keeps the length of what `get_text` gives
+  !! in static memory, so that only tasks of texts, which one thread at a time runs, call that.
+  subroutine take_text(self, name, text, default)
     class(task_type), intent(inout) :: self
     character(len=*), intent(in) :: name
+    character(len=:), allocatable, intent(out) :: text
     character(len=*), intent(in), optional :: default
-    character(len=:), allocatable :: text
     type(task_type), pointer :: holder
     integer :: place
-    text = ''
-    if (present(default)) text = default
+    if (present(default)) then
+      text = default
+    else
+      text = ''
+    end if
     call self%place_of(name, text_value, 1, holder, place, present(default))
     if (place == 0) return
     associate (at => holder%given%places(place))
       text = holder%given%letters(at%before + 1:at%before + at%size)
     end associate
+  end subroutine take_text
+
+  function get_text(self, name, default) result(text)
+    class(task_type), intent(inout) :: self
+    character(len=*), intent(in) :: name
+    character(len=*), intent(in), optional :: default
+    character(len=:), allocatable :: text
+    call self%take_text(name, text, default)
   end function get_text
 
   !> The elements of an array, which live as long as the task; none where it is not given.

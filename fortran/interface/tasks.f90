@@ -7,6 +7,7 @@ module viscovib_tasks
   use viscovib_kernel_tasks, only: kernel_task
   use viscovib_lattice_tasks, only: lattice_task
   use viscovib_law_tasks, only: law_task
+  use viscovib_locks, only: lock_texts, unlock_texts
   use viscovib_motion_tasks, only: motion_task
   use viscovib_response_tasks, only: response_task
   use viscovib_scales_tasks, only: scales_task
@@ -26,9 +27,13 @@ contains
     type(task_type), intent(inout) :: task
     character(len=:), allocatable :: name
     integer :: space
+    logical :: of_texts
 
     space = index(task%kind//' ', ' ')
     name = task%kind(space + 1:)
+    ! What compiles or plans makes many texts.
+    of_texts = index(name, 'plan') > 0 .or. index(name, 'compile') > 0
+    if (of_texts) call lock_texts()
     select case (task%kind(:space - 1))
     case ('backbone')
       call backbone_task(task, name)
@@ -59,6 +64,7 @@ contains
     case default
       call task%refuse_kind()
     end select
+    if (of_texts) call unlock_texts()
   end subroutine run_task
 
 end module viscovib_tasks

@@ -2,6 +2,7 @@
 module viscovib_run_scene
   use viscovib_files, only: stem
   use viscovib_job, only: job_report, table_sink
+  use viscovib_locks, only: lock_texts, unlock_texts
   use viscovib_namelist, only: namelist_type, read_namelist
   use viscovib_scene, only: scene_type
   use viscovib_scene_groups, only: place_of
@@ -39,8 +40,10 @@ contains
                 //'single points, leave the group out')
       return
     end if
+    call lock_texts()
     call scene%job%plan(scene%subject, text, status)
     if (status%failed()) status%message = place(scene, status%subject)//status%message
+    call unlock_texts()
   end subroutine plan_scene
 
   !> "path:line: ", the line of a key of what is wanted, or of its group; of a text that stands for

@@ -13,6 +13,7 @@ module viscovib_scene
   use viscovib_law_program, only: branches
   use viscovib_load, only: load_type
   use viscovib_load_groups, only: read_loads
+  use viscovib_locks, only: lock_texts, unlock_texts
   use viscovib_method_catalogue, only: takes_sections, transient_methods
   use viscovib_modal_frame, only: has_frame, most_in_frame
   use viscovib_mount, only: mount_parameters
@@ -65,6 +66,7 @@ contains
     type(growing_text) :: canonical
     character(len=:), allocatable :: unused
 
+    call lock_texts()
     scene%path = path
     scene%of_text = present(text)
     call read_namelist(path, file, status, text)
@@ -82,6 +84,7 @@ contains
       if (unused /= '') call fail(status, status_input_error, 'parameters', unused)
     end if
     scene%canonical = canonical%text()
+    call unlock_texts()
   end subroutine read_scene
 
   !> The system and its loads.

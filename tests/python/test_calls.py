@@ -82,3 +82,27 @@ def test_threads_make_use_and_free_objects_at_the_same_time(kernel):
     for thread in threads:
         thread.join()
     assert not wrong
+
+
+def test_threads_read_scenes_of_different_lengths_at_the_same_time():
+    texts = [
+        f"&scene title='{'t' * n}' /\n&mount mass={n + 1} inertia=0.1 offset=0.5 stiffness_x=10 "
+        "stiffness_phi=2 /\n&modes /\n"
+        for n in range(6)
+    ]
+    right = [_native.run("scene canonical", path="a.nml", text=text)["text"] for text in texts]
+    wrong = []
+
+    def work(first):
+        for k in range(60):
+            i = (first + k) % len(texts)
+            found = _native.run("scene canonical", path="a.nml", text=texts[i])["text"]
+            if found != right[i]:
+                wrong.append(found)
+
+    threads = [threading.Thread(target=work, args=(i,)) for i in range(4)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert not wrong

@@ -148,7 +148,9 @@ def test_orders_of_a_branch_that_cannot_be_chosen():
     point = vv.BranchPoint(
         0.0, rest.coefficients[0], 0, rest.coefficients[0], 0.0, np.zeros(1), np.ones(1)
     )
-    with pytest.raises(vv.InputError, match="leave: has 1 unknowns, must have as many as asked"):
+    with pytest.raises(
+        vv.InputError, match="leave: has 1 unknowns, must have as many as this curve"
+    ):
         vv.trace_response(TWO, m01=(0, 0.001), harmonics="auto", leave=point)
     with pytest.raises(vv.InputError, match="harmonics = 'some'"):
         vv.trace_response(TWO, m01=(0, 0.001), harmonics="some")
