@@ -191,8 +191,9 @@ contains
     end if
   end function get_flag
 
-  !> A text, also where threads run the same task: gfortran keeps the length of what `get_text` gives
-  !! in static memory, so that only tasks of texts, which one thread at a time runs, call that.
+  !> A text, also where threads run the same task: gfortran keeps the length of what `get_text`
+  !! gives in static memory, so that only tasks of texts, which one thread at a time runs, call
+  !! that.
   subroutine take_text(self, name, text, default)
     class(task_type), intent(inout) :: self
     character(len=*), intent(in) :: name
