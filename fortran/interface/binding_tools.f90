@@ -1,5 +1,4 @@
-!> What the flat routines share: building systems from arrays, and turning a
-!! status into numbers and text.
+!> What tasks share: building systems from arrays, and turning a status into numbers and text.
 module viscovib_binding_tools
   use, intrinsic :: iso_c_binding, only: c_char, c_int
   use viscovib_base_motion, only: base_motion_type
@@ -12,7 +11,6 @@ module viscovib_binding_tools
   use viscovib_oscillator, only: oscillator_type
   use viscovib_pendulum, only: new_pendulum, pendulum_parameters, pendulum_type
   use viscovib_polynomial, only: polynomial_type
-  use viscovib_reduction, only: reduce
   use viscovib_status, only: fail, one_line, status_input_error, status_type
   use viscovib_structure, only: structure_type
   use viscovib_structure_vector, only: structure_from_vector
@@ -21,9 +19,7 @@ module viscovib_binding_tools
   implicit none
   private
 
-  public :: keep_moving, make_base, make_mount, make_system, make_pendulum, &
-            make_load, report
-  public :: send, to_complex
+  public :: make_base, make_load, make_mount, make_pendulum, make_system, report, to_complex
 
   !> Length of the flat mount: mass, inertia, offset, stiffness_x,
   !! stiffness_phi, damping (4, column by column), cubic_scale, memory_scale,
@@ -72,16 +68,6 @@ contains
       call fail(status, status_input_error, 'system', 'system: not a mount')
     end if
   end subroutine make_system
-
-  !> Leave out the coordinates that nothing moves.
-  subroutine keep_moving(system, moves)
-    class(oscillator_type), allocatable, intent(inout) :: system
-    logical, intent(in) :: moves(:)
-    type(polynomial_type), allocatable :: reduced
-    allocate (reduced)
-    call reduce(system, moves, reduced)
-    call move_alloc(reduced, system)
-  end subroutine keep_moving
 
   subroutine make_mount(mount, flat, kind_x, data_x, kind_phi, data_phi, status)
     type(mount_type), intent(out) :: mount
@@ -188,18 +174,6 @@ contains
     text = one_line(outcome%message)
     call keep_message(text, len(text))
   end subroutine report
-
-  !> A text, as far as there is room, and how long it is.
-  pure subroutine send(given, text, n)
-    character(len=*), intent(in) :: given
-    character(len=1), intent(inout) :: text(:)
-    integer, intent(out) :: n
-    integer :: i
-    n = len(given)
-    do i = 1, min(n, size(text))
-      text(i) = given(i:i)
-    end do
-  end subroutine send
 
   !> A base that moves by waves and by cubics between breaks; one break: there are none.
   subroutine make_base(base, direction, frequencies, waves, breaks, pieces)

@@ -39,8 +39,6 @@ _SHORT_LIST = 64
 _LONG_RANGE = 10**8
 #: Lists within lists that may be an array.
 _DEEPEST = 32
-#: Seconds that a call which was asked to stop is given; one that cannot is left behind.
-_PATIENCE = 0.3
 #: Values that the core takes at a time, and those of its vector unit.
 _BLOCK, _LANES = 1024, 8
 #: Samples, and steps in time, that may take long.
@@ -494,26 +492,6 @@ def hear_of_functions(
     core.law_set_outside(ctypes.cast(_heard[0], ctypes.c_void_p).value)
 
 
-def call_interruptibly(
-    routine: Callable[..., tuple[Any, ...]],
-    cancel: npt.NDArray[np.intc] | None,
-    *arguments: object,
-) -> tuple[Any, ...]:
-    """Call a flat routine that may take long in a thread, so that Ctrl-C is heard.
-
-    ``cancel`` is among the arguments; the routine gives up once it holds 1. One that has none, or
-    does not look at it in time, is left to end unseen: what it writes into is kept for it.
-    """
-    return apart(lambda: call(routine, *arguments), cancel)
-
-
-def call_either(
-    long: bool, routine: Callable[..., tuple[Any, ...]], *arguments: object
-) -> tuple[Any, ...]:
-    """Call a flat routine; in a thread if it may take ``long``, as that costs 50 microseconds."""
-    return call_interruptibly(routine, None, *arguments) if long else call(routine, *arguments)
-
-
 def run_either(long: bool, task: str, /, *parents: Handle, **values: Any) -> dict[str, Any]:
     """Run a task; in a thread if it may take ``long``, as that costs 50 microseconds."""
     if long:
@@ -536,7 +514,7 @@ def listen(flag: npt.NDArray[np.intc]) -> None:
     core.listen(flag)
 
 
-def apart(work: Callable[[], _T], cancel: npt.NDArray[np.intc] | None = None) -> _T:
+def apart(work: Callable[[], _T]) -> _T:
     """Do some work in a thread and wait for it, so that Ctrl-C is heard.
 
     After Ctrl-C native loops of the thread end with what they have, which nobody sees.
@@ -564,10 +542,6 @@ def apart(work: Callable[[], _T], cancel: npt.NDArray[np.intc] | None = None) ->
     except BaseException:
         # Ctrl-C, which may come at any point above.
         flag[0] = 1
-        if cancel is not None:
-            cancel[0] = 1
-            if thread.is_alive():
-                thread.join(_PATIENCE)
         raise
     if errors:
         raise errors[0]

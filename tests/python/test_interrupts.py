@@ -64,10 +64,6 @@ def test_work_apart_leaves_its_caller_free(interrupted):
 
     assert interrupted(lambda: _native.apart(work), 0.2) < 0.2
     going_on.set()
-    cancel = np.zeros(1, dtype=np.intc)
-    assert interrupted(lambda: _native.apart(lambda: going_on.clear() or work(), cancel), 0.2) < 0.2
-    assert cancel[0] == 1
-    going_on.set()
 
 
 FAST = vv.RabotnovKernel(amplitude=6.0, alpha=0.3, beta=1000)
@@ -267,14 +263,14 @@ def test_what_is_cancelled_begins_no_piece(monkeypatch, name):
     pieces = []
     apart = _native.apart
 
-    def cancelled(work, cancel=None):
+    def cancelled(work):
         def given_up():
             _native._listening.flag[0] = 1
             return work()
 
         before = _native.core.pieces_of_work()
         try:
-            return apart(given_up, cancel)
+            return apart(given_up)
         finally:
             pieces.append(_native.core.pieces_of_work() - before)
 
