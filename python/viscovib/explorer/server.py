@@ -154,15 +154,21 @@ def serve(
     page_of(scene, keys)
     server, address = start(scene, keys, port)
     tell(f"{address}\nend with Ctrl+C")
-    signal.signal(signal.SIGTERM, signal.default_int_handler)
+
+    def end(*_: object) -> None:
+        # The exception is lost where it is raised in code that ignores it, such as a finalizer.
+        server.io_loop.add_callback(server.io_loop.stop)
+        raise KeyboardInterrupt
+
+    signal.signal(signal.SIGTERM, end)
+    signal.signal(signal.SIGINT, end)
     # A folder that only this user can enter.
     with TemporaryDirectory(prefix="viscovib-") as folder:
-        try:
+        with contextlib.suppress(KeyboardInterrupt):
             if browser:
                 _open(address, Path(folder))
             server.io_loop.start()
-        except KeyboardInterrupt:
-            server.stop()
+        server.stop()
 
 
 def _open(address: str, folder: Path) -> None:
