@@ -179,7 +179,10 @@ class BeatingMotion(Result):
     def at(self, t: npt.ArrayLike) -> FloatArray:
         """Return the coordinates at times t, all loads being cosines, shape (n, n_dof)."""
         times = _native.real_array("t", t, ndim=1)
-        waves = np.exp(1j * np.outer(times, self.frequencies))
+        with np.errstate(over="ignore"):
+            phases = np.outer(times, self.frequencies)
+        _native.check_range("t", times, phases, "the phase of a load")
+        waves = np.exp(1j * phases)
         return np.ascontiguousarray((waves @ self.harmonics).real)
 
 
