@@ -1,4 +1,4 @@
-!> What the flat routines over many motions share: a block of lanes filled and emptied.
+!> What tasks about many motions share: a block of lanes filled and emptied.
 module viscovib_ensemble_tools
   use, intrinsic :: iso_c_binding, only: c_double, c_double_complex, c_int
   use viscovib_ensemble, only: ensemble_block

@@ -320,7 +320,7 @@ contains
     complex(wp), pointer, contiguous :: waves(:, :), poles(:), left(:, :), right(:, :), &
                                         sine(:, :), cosine(:, :), by_base(:, :), base_waves(:)
     integer, allocatable :: some(:)
-    integer :: columns, k, n, q
+    integer :: columns, k, n, q, used
 
     allocate (sections%squares, source=task%get_reals('squares'))
     allocate (sections%rates, source=task%get_reals('rates'))
@@ -368,14 +368,19 @@ contains
                                                  k=1, size(frequencies))])
     sections%frequencies = frequencies(some)
     sections%waves = waves(:, some)
-    sections%others%n_at_once = task%get_integer('n_at_once')
-    sections%others%poles = poles
-    sections%others%left = left
-    sections%others%right = right(:, :q + columns)
-    sections%others%sine = sine(:, some)
-    sections%others%cosine = cosine(:, some)
-    sections%others%by_base = by_base(:, 1)
-    sections%others%by_base_rate = by_base(:, 2)
+    associate (others => sections%others)
+      others%n_at_once = task%get_integer('n_at_once')
+      used = size(poles)
+      ! A single pole of 0 stands for none.
+      if (used == 1 .and. others%n_at_once == 0) used = count(abs(poles) > 0.0_wp)
+      others%poles = poles(:used)
+      others%left = left(:used, :)
+      others%right = right(:used, :q + columns)
+      others%sine = sine(:used, some)
+      others%cosine = cosine(:used, some)
+      others%by_base = by_base(:used, 1)
+      others%by_base_rate = by_base(:used, 2)
+    end associate
     allocate (load%frequencies(0), load%amplitudes(columns, 0))
     load%breaks = breaks
     load%pieces = pieces(:columns, :, :)

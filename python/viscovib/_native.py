@@ -18,7 +18,7 @@ import numpy.typing as npt
 from viscovib import _viscovib  # type: ignore[attr-defined]
 from viscovib.errors import FileError, InputError
 
-#: The compiled core: flat routines, typed by nothing but this module.
+#: The compiled core, typed by nothing but this module.
 core: Any = _viscovib
 
 FloatArray = npt.NDArray[np.float64]
@@ -248,7 +248,7 @@ def letters(name: str, text: str) -> bytes:
 
 
 def call(routine: Callable[..., tuple[Any, ...]], *arguments: object) -> tuple[Any, ...]:
-    """Call a flat routine and turn its status into an exception."""
+    """Call a routine of the core and turn its status into an exception."""
     found = routine(*arguments)
     if _unheard.error is not None:
         raise_unheard()

@@ -390,3 +390,15 @@ def test_the_last_time_is_the_end_itself():
         n = int(rng.integers(1, 9))
         later = vv.simulate(system, end + n * run.step, resume=run, keep=("all", "last")[i % 2])
         assert later.t[-1] == later.t_reached == end + n * run.step
+
+
+def test_what_a_structure_keeps_is_where_the_mask_of_its_state_says():
+    """Without damping that couples modes there are no poles, and nothing is kept of any."""
+    for damping in (0.1 * np.eye(2), np.array([[0.3, -0.1], [-0.1, 0.2]])):
+        system = vv.Structure(
+            mass=np.diag([1.0, 2.0]), damping=damping, stiffness=[[3.0, -1.0], [-1.0, 2.0]],
+            elements=[vv.Spring(on={"x1": 1.0}, law="d^3")],
+        )  # fmt: skip
+        run = vv.simulate(system, 2.0, dt=0.1, initial=[0.3, 0.0, 0.1, 0.2])
+        kept = run._resume.memory[run._resume.told_by_state()]
+        assert np.allclose(kept, [run.deflections[-1, 0], run.rates[-1, 0]], atol=1e-13)
