@@ -4,8 +4,8 @@
 !!
 !! In units of the largest state, (A/(beta + gamma))^(1/n), and along the way it goes, the state s
 !! grows with the path x by ds/dx = 1 - r |s|^n, r = 1 where s > 0 and
-!! r = (gamma - beta)/(gamma + beta) <= 0 where s < 0. For n = 1 that has a closed solution, else
-!! Taylor's series in x is summed over short steps, which end where s changes its sign. Around
+!! r = (gamma - beta)/(gamma + beta) <= 0 where s < 0. For n = 1 and 2 that has a closed solution,
+!! else Taylor's series in x is summed over short steps, which end where s changes its sign. Around
 !! s = 0, where |s|^n is not smooth for a broken n, the path is a series in the state instead:
 !!
 !!   x(s) = integral ds/(1 - r |s|^n) = s sum_j (r |s|^n)^j/(n j + 1).
@@ -28,13 +28,17 @@ module viscovib_bouc_wen_element
     procedure :: kinks
   end type bouc_wen_element
 
-  !> Terms of the series, a step times the fastest rate, and times |s| where |s|^n is not smooth
+  !> Terms of the series; a step times the fastest rate, on the side below 0 and above it, where the
+  !! nearest singularity of s(x) is at least pi/n away; a step over |s| where |s|^n is not smooth
   !! at 0; a distance from the largest state that is rounding.
   integer, parameter :: terms = 18
-  real(wp), parameter :: longest = 0.15_wp, of_state = 0.2_wp, saturated = 1.0e-15_wp
+  real(wp), parameter :: longest = 0.15_wp, longest_above = 0.45_wp, of_state = 0.2_wp, &
+                         saturated = 1.0e-15_wp
   !> Largest part |r| |s|^n for which the path is a series in the state, terms of that, and turns of
   !! Newton's method back.
   real(wp), parameter :: inner = 0.4_wp
+  !> Of r, where n = 2: so small that the path is the state.
+  real(wp), parameter :: tiny_part = 1.0e-20_wp
   integer, parameter :: path_terms = 41, most_turns = 30
 
 contains
@@ -70,6 +74,8 @@ contains
     covered = 0.0_wp
     if (self%whole == 1) then
       call move_closed(self%back, x, s, covered)
+    else if (self%whole == 2) then
+      call move_squared(self%back, x, s, covered)
     else
       call move_by_series(self, x, s, covered)
     end if
@@ -90,7 +96,11 @@ contains
     class(bouc_wen_element), intent(in) :: self
     real(wp), intent(in) :: s
     rate = merge(1.0_wp, self%back, s > 0.0_wp)
-    rate = 1.0_wp - rate*abs(s)**self%exponent
+    if (self%whole > 0) then
+      rate = 1.0_wp - rate*abs(s)**self%whole
+    else
+      rate = 1.0_wp - rate*abs(s)**self%exponent
+    end if
   end function rate
 
   !> n = 1: with r = -b where s < 0, 1 - b s = exp(-b x) at s = 0, then 1 - s = exp(-x).
@@ -128,12 +138,60 @@ contains
     s = grown
   end subroutine move_closed
 
+  !> n = 2: tan(q x)/q with q^2 = -r where s < 0, then tanh(x).
+  pure subroutine move_squared(back, x, s, covered)
+    real(wp), intent(in) :: back, x
+    real(wp), intent(inout) :: s
+    !> Integral of s over x.
+    real(wp), intent(out) :: covered
+    real(wp) :: left, path, moved, grown
+
+    left = x
+    covered = 0.0_wp
+    if (s < 0.0_wp) then
+      path = path_squared(back, s)
+      grown = 0.0_wp
+      if (left < path) then
+        moved = left
+        if (back < -tiny_part) moved = tan(sqrt(-back)*left)/sqrt(-back)
+        grown = min(s + moved*(1.0_wp - back*s*s)/(1.0_wp + back*s*moved), 0.0_wp)
+      end if
+      covered = 0.5_wp*(grown**2 - s**2)/(1.0_wp - back*s**2)
+      covered = covered*log_part(-back*2.0_wp*covered)
+      s = grown
+      left = left - path
+      if (.not. left > 0.0_wp) return
+    end if
+    if (left < 1.0_wp) then
+      moved = sinh(left)*s + 2.0_wp*sinh(0.5_wp*left)**2
+      covered = covered + moved*log_part(moved)
+    else
+      covered = covered + left + log(0.5_wp*(1.0_wp + s + (1.0_wp - s)*exp(-2.0_wp*left)))
+    end if
+    moved = tanh(left)
+    s = min((s + moved)/(1.0_wp + s*moved), 1.0_wp)
+  end subroutine move_squared
+
+  !> n = 2: the path from a state below 0 to 0.
+  pure real(wp) function path_squared(back, s) result(path)
+    real(wp), intent(in) :: back, s
+    path = -s
+    if (back < -tiny_part) path = atan(-sqrt(-back)*s)/sqrt(-back)
+  end function path_squared
+
+  !> log(1 + w)/w.
+  pure real(wp) function log_part(w) result(part)
+    real(wp), intent(in) :: w
+    part = 1.0_wp
+    if (abs((1.0_wp + w) - 1.0_wp) > 0.0_wp) part = log(1.0_wp + w)/((1.0_wp + w) - 1.0_wp)
+  end function log_part
+
   pure subroutine move_by_series(self, x, s, covered)
     class(bouc_wen_element), intent(in) :: self
     real(wp), intent(in) :: x
     real(wp), intent(inout) :: s
     real(wp), intent(out) :: covered
-    real(wp) :: series(0:terms + 1), left, h, fastest
+    real(wp) :: series(0:terms + 1), left, h, fastest, value, area
     integer :: k, side
 
     left = x
@@ -145,7 +203,7 @@ contains
       end if
       side = merge(1, -1, s >= 0.0_wp)
       fastest = self%exponent*max(1.0_wp, merge(0.0_wp, -self%back, side > 0))
-      h = min(left, longest/fastest)
+      h = min(left, merge(longest_above, longest, side > 0)/fastest)
       if (self%whole == 0 .and. abs(s) < inner_state(self, side)) then
         h = left
         call move_inside(self, h, s, covered)
@@ -153,8 +211,14 @@ contains
         if (self%whole == 0) h = min(h, of_state*abs(s)/max(fastest, rate(self, s)))
         call expand(self, s, side, series)
         if (side < 0 .and. self%whole > 0) h = first_zero(series, h)
-        covered = covered + h*sum([(series(k)*h**k/(k + 1), k=0, terms + 1)])
-        s = sum([(series(k)*h**k, k=0, terms + 1)])
+        value = 0.0_wp
+        area = 0.0_wp
+        do k = terms + 1, 0, -1
+          value = value*h + series(k)
+          area = area*h + series(k)/(k + 1)
+        end do
+        covered = covered + h*area
+        s = value
         if (side < 0 .and. self%whole > 0 .and. abs(s) <= 4.0_wp*epsilon(1.0_wp)) s = 0.0_wp
       end if
       left = left - h
@@ -231,7 +295,7 @@ contains
     real(wp), intent(in) :: s
     integer, intent(in) :: side
     real(wp), intent(out) :: series(0:)
-    real(wp) :: powers(0:terms, 20), factor
+    real(wp) :: powers(0:terms, 20), factor, total
     integer :: j, k, m
 
     ! |s|^n, and ds/dx = 1 - factor |s|^n.
@@ -242,7 +306,11 @@ contains
       if (self%whole > 0) then
         powers(k, 1) = side*series(k)
         do m = 2, self%whole
-          powers(k, m) = sum([(powers(j, m - 1)*powers(k - j, 1), j=0, k)])
+          total = 0.0_wp
+          do j = 0, k
+            total = total + powers(j, m - 1)*powers(k - j, 1)
+          end do
+          powers(k, m) = total
         end do
         m = self%whole
       else
@@ -251,8 +319,11 @@ contains
           powers(0, 1) = abs(s)**self%exponent
         else
           ! s (s^n)' = n s' s^n, coefficient by coefficient.
-          powers(k, 1) = sum([((self%exponent*j - (k - j))*series(j)*powers(k - j, 1), j=1, k)]) &
-                         /(k*s)
+          total = 0.0_wp
+          do j = 1, k
+            total = total + (self%exponent*j - (k - j))*series(j)*powers(k - j, 1)
+          end do
+          powers(k, 1) = total/(k*s)
         end if
       end if
       series(k + 1) = (merge(1.0_wp, 0.0_wp, k == 0) - factor*powers(k, m))/(k + 1)
@@ -265,11 +336,16 @@ contains
     real(wp) :: value, slope
     integer :: k, turn
 
+    ! The largest value first.
     x = h
-    if (sum([(series(k)*h**k, k=0, ubound(series, 1))]) <= 0.0_wp) return
-    do turn = 1, 20
-      value = sum([(series(k)*x**k, k=0, ubound(series, 1))])
-      slope = sum([(k*series(k)*x**(k - 1), k=1, ubound(series, 1))])
+    do turn = 0, 20
+      value = 0.0_wp
+      slope = 0.0_wp
+      do k = ubound(series, 1), 0, -1
+        slope = slope*x + value
+        value = value*x + series(k)
+      end do
+      if (turn == 0 .and. value <= 0.0_wp) return
       x = min(max(x - value/slope, 0.0_wp), h)
       if (abs(value) <= epsilon(1.0_wp)) exit
     end do
@@ -307,6 +383,8 @@ contains
     if (self%whole == 1) then
       done = -s
       if (self%back < 0.0_wp) done = log(1.0_wp + self%back*s)/(-self%back)
+    else if (self%whole == 2) then
+      done = path_squared(self%back, s)
     else
       ! 1 <= ds/dx: it is there at x = |s| at the latest.
       done = 0.0_wp

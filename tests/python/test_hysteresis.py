@@ -1,5 +1,7 @@
 """Hysteresis and gaps in periodic motions: loops, steady motions, multipliers, published values."""
 
+import time
+
 import numpy as np
 import pytest
 import viscovib as vv
@@ -53,6 +55,39 @@ def test_a_loop_of_bouc_and_wen(exponent):
     smooth = 1e-12 if exponent == int(exponent) else 1e-9
     np.testing.assert_allclose(element.loop(d), force, atol=2 * smooth)
     assert element.energy(d) == pytest.approx(lost, abs=5 * smooth)
+
+
+@pytest.mark.parametrize(("beta", "gamma"), [(1.0, 1.0), (0.7, 0.3), (2.0, -1.2), (1.0, 0.9)])
+def test_squared_states_follow_tangents(beta, gamma):
+    """Exponent 2: unloading by tan(q x)/q, loading by tanh(x), in the largest state as unit."""
+    largest, q = (beta + gamma) ** -0.5, np.sqrt((beta - gamma) / (beta + gamma))
+    element = vv.BoucWen(on="x1", stiffness=1.0, ratio=0, beta=beta, gamma=gamma, exponent=2)
+    back = np.arctan(q) / q if q > 0 else 1.0
+    down = np.tan(0.4 * q * back) / q if q > 0 else 0.4
+    d = largest * np.array([-40, 40, 40 - 0.6 * back, 40 - back - 0.8])
+    force = element.loop(d) / largest
+    np.testing.assert_allclose(force, [-1, 1, down, -np.tanh(0.8)], atol=1e-12)
+    # Each way unloads to 0 and loads again.
+    unloading = np.log1p(q**2) / (2 * q**2) if q > 0 else 0.5
+    energy = 2 * (np.log(np.cosh(60 - back)) - unloading) * largest**2
+    assert element.energy(largest * np.array([-30, 30])) == pytest.approx(energy, rel=1e-12)
+
+
+def test_exponents_cost_about_the_same():
+    """Paths in closed form for exponents 1 and 2, few terms of series for others."""
+    d = 1.5 * np.sin(np.linspace(0, 200, 20_000))
+
+    def least(exponent):
+        times = []
+        for _ in range(3):
+            begin = time.process_time()
+            joint(exponent).loop(d)
+            times.append(time.process_time() - begin)
+        return min(times)
+
+    one = least(1)
+    assert least(2) < 5 * one
+    assert least(3) < 25 * one
 
 
 def test_steady_motion_of_bouc_and_wen():
