@@ -8,6 +8,7 @@ import viscovib as vv
 from referee import coverage
 from referee.balance import growing
 from referee.case import Case, Claim
+from referee.responses import difference
 from referee.session import Verdict, _watch
 from referee.worker import answer
 
@@ -87,6 +88,30 @@ def test_a_crash_is_a_failure_of_its_case(monkeypatch, tmp_path):
     index, call, reason = _watch(Verdict("dies"), "dies", 1, 0, 1.0, 0, 9)
     assert (index, call) == (3, "the call")
     assert reason == "the process ended by signal 6"
+
+
+def test_the_worst_ratio_is_the_one_closest_to_its_limit():
+    verdict = Verdict("any")
+    claims = [("an estimate", 3.0, 30.0), ("a number", 0.5, 1.0), ("another estimate", 1.5, 10.0)]
+    record = {"index": 0, "systems": 1, "ended": "answered"}
+    record["claims"] = [[what, ratio, limit, False, True, ""] for what, ratio, limit in claims]
+    verdict.take(record, "")
+    assert (verdict.worst_claim, verdict.worst, verdict.worst_limit) == ("a number", 0.5, 1.0)
+
+
+@pytest.mark.parametrize("unit", [1e-3, 0.0254, 1e3])
+def test_errors_of_motions_do_not_depend_on_the_unit_of_length(unit):
+    """A mount has a displacement and an angle: without masses, metres would outweigh radians."""
+    rng = np.random.default_rng(7)
+    true = rng.normal(size=(2, 5)) + 1j * rng.normal(size=(2, 5))
+    off = true * (1 + [[1e-7], [1e-5]] * rng.normal(size=true.shape))
+    one = types.SimpleNamespace(mass=np.diag([1.9, 0.1]))
+    other = types.SimpleNamespace(mass=np.diag([1.9, 0.1 / unit**2]))
+    scaled = [np.diag([1 / unit, 1]) @ x for x in (off, true)]
+    orders = np.arange(5)
+    assert difference(other, scaled[0], orders, scaled[1]) == pytest.approx(
+        difference(one, off, orders, true), rel=1e-9
+    )
 
 
 @pytest.mark.parametrize("family", ["kernels", "linear", "spectra", "tables"])

@@ -4,7 +4,7 @@
                       [--self-test] [--out DIR]
 
 A line a family: systems, claims, refusals, failures, the worst ratio of the true error to the
-one admitted. Every failure is printed as the Python call that shows it again, and written to
+stated error, with the limit of this ratio. Every failure is printed as the Python call that shows it again, and written to
 out/referee/failures.py, when its family ends. --systems ends each family after so many, so that the same are judged
 whatever the machine's speed, as long as --minutes suffice. --self-test injects an error into every claim and asks that it is found.
 """

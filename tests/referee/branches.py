@@ -43,7 +43,7 @@ def _judge_points(model, names, load, tolerance, rng):
         true = _solve(model, branch.coefficients[i], orders, branch.nu[i], scaled)
         if true is None:
             continue
-        off = difference(branch.coefficients[i], orders, true)
+        off = difference(model, branch.coefficients[i], orders, true)
         if off > 0.5:
             continue  # Another motion: beyond a fold of the larger balance.
         admitted = max(estimate[i], 0.1 * tolerance) + 10 * tolerance
@@ -66,7 +66,7 @@ def _judge_points(model, names, load, tolerance, rng):
         yield Claim(
             "place of a fold", branch.folds[i], own, admitted, damage=max(1e-6, 10 * admitted / own)
         )
-        off = difference(branch.fold_coefficients[i], orders, balance.complex(motion))
+        off = difference(model, branch.fold_coefficients[i], orders, balance.complex(motion))
         admitted = 3 * branch.fold_coefficient_errors[i] + 1e-8
         yield Claim("motion at a fold", 1 + off, 1.0, admitted, damage=max(1e-6, 10 * admitted))
 
@@ -201,7 +201,7 @@ mirrored = [vv.trace_response(system, **same, leave=p, opposite=True, max_points
             if x is not None:
                 sizes = np.abs(side.coefficients[i])
                 left_out = float(sizes[:, -3:].max() / sizes.max())
-                off = difference(side.coefficients[i], side.harmonics, x)
+                off = difference(model, side.coefficients[i], side.harmonics, x)
                 admitted = 1e-8 + 3 * left_out
                 yield Claim(
                     "points of another branch",

@@ -41,13 +41,21 @@ def refined(model, coefficients, orders, nu, load, highest=None):
     return None if a is None else balance.complex(a)
 
 
-def difference(coefficients, orders, true):
-    """Largest difference of any order, kept or not, against the largest coefficient."""
+def difference(model, coefficients, orders, true):
+    """Relative error in the norm of the tolerance: the largest harmonic, weighted by the mass.
+
+    The norm is max over k and d of sqrt(M_dd) (|Re X| + |Im X|). Without the masses, an angle in
+    radians would be compared with a displacement in metres.
+    """
     whole = np.zeros_like(true)
     for j, k in enumerate(orders):
         if k < true.shape[1]:
             whole[:, k] = coefficients[:, j]
-    return float(np.abs(whole - true).max() / np.abs(true).max())
+    weights = np.sqrt(np.diag(model.mass))[:, None]
+    error, size = (
+        (weights * (np.abs(x.real) + np.abs(x.imag))).max() for x in (whole - true, true)
+    )
+    return float(error / size)
 
 
 def _of_the_waveform(names, nu):
@@ -116,7 +124,7 @@ coarse = vv.forced_response(
         if true is None:
             yield Claim("a motion is near the answer", False, True)
             return
-        off = difference(names["coefficients"], kept, true)
+        off = difference(model, names["coefficients"], kept, true)
         admitted = names["truncation"] + 3 * tolerance
         warned = any("Convergence" in text for text in told)
         yield Claim(
@@ -130,7 +138,7 @@ coarse = vv.forced_response(
         full = np.arange(int(kept.max()) + 1)
         if same is not None and set(full[1::2]) <= set(kept.tolist()):
             # With the same orders the iteration alone errs; even orders may be absent by symmetry.
-            own = difference(names["coefficients"], kept, same)
+            own = difference(model, names["coefficients"], kept, same)
             yield Claim(
                 "solution of the balance",
                 1 + own,
@@ -142,7 +150,7 @@ coarse = vv.forced_response(
             balance = Balance(model, max(9, int(kept.max())))
             raised = balance.raised(nu, load_rows(balance, load))
             if raised is not None:
-                off = difference(names["coefficients"], kept, balance.complex(raised))
+                off = difference(model, names["coefficients"], kept, balance.complex(raised))
                 yield Claim(
                     "the load grows from nothing", 1 + off, 1.0, 10 * admitted + 1e-3, damage=0.1
                 )

@@ -44,7 +44,9 @@ class Verdict:
     claims: int = 0
     refused: int = 0
     seconds: float = 0.0
+    #: The ratio of true to stated error that comes closest to its limit, and this limit.
     worst: float = 0.0
+    worst_limit: float = 1.0
     worst_claim: str = ""
     failures: list[Failure] = field(default_factory=list)
     #: Of each claim that is right: how many there were, and in how many an error was found.
@@ -65,7 +67,7 @@ class Verdict:
         if record["ended"] == "raised":
             self.failures.append(Failure(self.family, record["index"], record["message"], call))
         texts = []
-        for what, ratio, wrong, found, text in record["claims"]:
+        for what, ratio, limit, wrong, found, text in record["claims"]:
             self.claims += 1
             if wrong:
                 texts.append(text)
@@ -73,8 +75,8 @@ class Verdict:
                 seen = self.injected.setdefault(what, [0, 0])
                 seen[0] += 1
                 seen[1] += found
-            if ratio > self.worst or math.isnan(ratio):
-                self.worst, self.worst_claim = ratio, what
+            if ratio / limit > self.worst / self.worst_limit or math.isnan(ratio):
+                self.worst, self.worst_limit, self.worst_claim = ratio, limit, what
         if texts:
             self.failures.append(Failure(self.family, record["index"], "\n".join(texts), call))
 

@@ -10,13 +10,16 @@ from referee.session import Verdict
 
 #: Where every failing call is written, whatever place the table has.
 FAILURES = Path("out/referee/failures.py")
-_HEAD = ("family", "systems", "claims", "refused", "failures", "worst ratio", "of what")
+_HEAD = (
+    "family", "systems", "claims", "refused", "failures", "worst ratio", "limit", "of what",
+)  # fmt: skip
 _ABOUT = """# Random systems against independent references
 `./run referee --minutes N` draws random systems, loads and settings for every public method. It checks each result by
 a method that shares no code with the library: SciPy's integrators at 1e-12, mpmath, closed-form solutions, a harmonic balance and
 Floquet multipliers in NumPy, or an identity. A claim is a number with the error that the result states, or a verdict.
 The ratio is the true error divided by the stated error, inf for a wrong verdict, count or outcome. The limit is 1 for
-numbers and larger for estimates. Refused: an error message that names its argument instead of a result.
+numbers and larger for estimates. The table shows the ratio that comes closest to its limit. Refused: an error message
+that names its argument instead of a result.
 """
 
 
@@ -25,7 +28,8 @@ def line(verdict: Verdict) -> str:
     return (
         f"{verdict.family:14s} {verdict.systems:6d} systems {verdict.claims:6d} claims "
         f"{verdict.refused:4d} refused {len(verdict.failures):4d} failures, worst "
-        f"{verdict.worst:.2g} ({verdict.worst_claim}), {verdict.seconds:.0f} s"
+        f"{verdict.worst:.2g} of {verdict.worst_limit:g} ({verdict.worst_claim}), "
+        f"{verdict.seconds:.0f} s"
     )
 
 
@@ -39,7 +43,7 @@ def write(out: Path, verdicts: list[Verdict], seed: int, spent: float) -> None:
     rows = [
         (
             v.family, v.systems, v.claims, v.refused, len(v.failures), f"{v.worst:.2g}",
-            v.worst_claim,
+            f"{v.worst_limit:g}", v.worst_claim,
         )
         for v in verdicts
     ]  # fmt: skip

@@ -72,7 +72,14 @@ def main() -> int:
             wrong = not ratio <= claim.limit
             found = not claim.damaged().ratio() <= claim.limit
             record["claims"].append(
-                [claim.what, ratio, bool(wrong), bool(found), str(claim) if wrong else ""]
+                [
+                    claim.what,
+                    ratio,
+                    claim.limit,
+                    bool(wrong),
+                    bool(found),
+                    str(claim) if wrong else "",
+                ]
             )
         print(json.dumps(record), flush=True)
         systems += case.systems

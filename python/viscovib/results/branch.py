@@ -75,7 +75,7 @@ class Branch(PeriodicMotions, Curve):
         X_k at each fold.
     fold_coefficient_errors : ndarray, shape (n_folds,)
         Estimated error of the motion at each fold by neglected harmonics and rounding, relative to
-        its size.
+        its size, in the norm of ``tolerance``.
     branch_points : tuple of BranchPoint
         Points at which a second branch crosses. Pass one of them to `trace_response` as ``leave``.
     crossings : tuple of Crossing
@@ -101,8 +101,8 @@ class Branch(PeriodicMotions, Curve):
     highest : ndarray of int, shape (n,)
         Highest harmonic of each point.
     truncation : ndarray, shape (n,)
-        Estimated relative error of each motion at its parameter value by neglected harmonics. Near
-        a fold it exceeds ``tolerance``, up to 1 (the motion may not exist at this value), although
+        Estimated relative error of each motion at its parameter value by neglected harmonics, in
+        the norm of ``tolerance``. Near a fold it exceeds ``tolerance``, up to 1 (the motion may not exist at this value), although
         the point is within ``tolerance`` of the converged branch. ``fold_errors`` estimates the
         shift of the folds. Warnings and `complete` refer to the distance from the branch.
     plan : Plan
