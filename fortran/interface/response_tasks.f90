@@ -17,7 +17,7 @@ module viscovib_response_tasks
   use viscovib_polynomial, only: polynomial_type
   use viscovib_reduction, only: moved_coordinates, reduce
   use viscovib_response, only: response_options, response_type
-  use viscovib_response_plan, only: method_names, new_response_plan, response_plan_type
+  use viscovib_response_plan, only: method_auto, method_names, new_response_plan, response_plan_type
   use viscovib_rounding_error, only: rounding_judge
   use viscovib_sampled_peak, only: peak_of_samples
   use viscovib_sampling_error, only: sampling_judge
@@ -196,6 +196,7 @@ contains
     type(load_type) :: load
     type(response_plan_type) :: plan
     type(response_type) :: response
+    integer :: method
 
     call new_plan(task, system, load, nu, plan)
     if (task%failed()) return
@@ -210,7 +211,16 @@ contains
     if (is_set(task%cancel)) return
     associate (found => task%found)
       call found%put_integers('kept', response%orders, shape(response%orders))
-      call found%put_text('method', trim(method_names(plan%method)))
+      ! Where each was computed by another method, a number for each.
+      method = plan%method
+      if (method == method_auto) then
+        if (all(response%method == response%method(1))) then
+          method = response%method(1)
+        else
+          call found%put_integers('methods', response%method - 1, shape(nu))
+        end if
+      end if
+      call found%put_text('method', trim(method_names(method)))
       call found%put_complexes('coefficients', response%coefficients, shape(response%coefficients))
       call found%put_integers('outcomes', response%outcome, shape(nu))
       call found%put_integers('iterations', response%iterations, shape(nu))

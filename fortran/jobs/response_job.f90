@@ -8,7 +8,8 @@ module viscovib_response_job
   use viscovib_motion_checks, only: errors_of, relative_motions
   use viscovib_outcomes, only: outcome_converged, outcome_names
   use viscovib_response, only: response_options, response_type
-  use viscovib_response_plan, only: method_linear, new_response_plan, response_plan_type
+  use viscovib_response_plan, only: method_linear, method_names, method_successive, &
+                                    new_response_plan, response_plan_type
   use viscovib_status, only: show, status_type, things
   use viscovib_subject, only: subject_type
   use viscovib_table, only: table_type
@@ -125,6 +126,8 @@ contains
     text = '; no solution ('//text(3:)//') at nu = '//show(minval(lost))
     if (size(lost) > 1) text = text//' to '//show(maxval(lost))
     text = text//', nan there'
+    if (all(response%method == method_successive)) text = text//": try method = 'auto', which " &
+                                                          //"continues with Newton's method"
   end function gaps_of
 
   !> A row a frequency.
@@ -152,6 +155,7 @@ contains
     call table%note(names//'nan where no solution was found')
     call table%add_reals('nu', response%nu)
     call table%add_words('outcome', response%outcome, outcome_names)
+    call table%add_words('method', response%method, [repeat(' ', len(method_names)), method_names])
     call table%add_integers('iterations', response%iterations)
     call table%add_reals('rate', response%rate)
     call table%add_integers('highest', response%highest)

@@ -13,7 +13,8 @@ module viscovib_forced_response
   use viscovib_polynomial, only: polynomial_type
   use viscovib_reduction, only: moved_coordinates, reduce
   use viscovib_response, only: response_type
-  use viscovib_response_plan, only: method_newton, method_successive, response_plan_type
+  use viscovib_response_plan, only: method_auto, method_newton, method_successive, &
+                                    response_plan_type
   use viscovib_successive, only: successive_response
   implicit none
   private
@@ -26,7 +27,7 @@ module viscovib_forced_response
 contains
 
   !> Steady response at each frequency; by Newton's method each follows the one
-  !! before, else they are independent. Coordinates that nothing moves are left out of
+  !! before, otherwise they are independent. Coordinates that nothing moves are left out of
   !! the equations.
   subroutine forced_response(plan, system, load, nu, response, cancel, start)
     !> Made for the same system, load and method.
@@ -36,8 +37,7 @@ contains
     !> Circular frequencies (rad/s), each > 0.
     real(wp), intent(in) :: nu(:)
     type(response_type), intent(out) :: response
-    !> May be set from elsewhere to give up; only Newton's method, which takes all
-    !! frequencies in one piece, looks at it.
+    !> May be set from elsewhere to give up.
     integer, intent(inout), optional :: cancel
     !> A motion for Newton's method to begin at, relative to the base: unknowns of all orders that
     !! the plan allows, shape (2 n_orders, n_dof).
@@ -60,6 +60,7 @@ contains
       call response%spread_out(plan%moved)
     end if
     call response%keep_finite()
+    if (.not. allocated(response%method)) allocate (response%method(size(nu)), source=plan%method)
   end subroutine forced_response
 
   !> The same for a system all of which is computed.
@@ -71,37 +72,75 @@ contains
     type(response_type), intent(out) :: response
     integer, intent(inout), optional :: cancel
     real(wp), intent(in), optional :: start(:, :)
-    type(balance_ladder_type) :: ladder
+    type(response_type) :: found
 
     if (counting) call count_up(counted_idle, size(plan%set%orders)*size(nu)*count( &
                                 .not. moved_coordinates(system, load%drives(system))))
     select case (plan%method)
     case (method_successive)
-      if (plan%chosen) then
-        call with_enough_harmonics(plan, system, load, nu, response)
-      else
-        call successive_response(system, load, nu, plan%set, plan%options, response)
-      end if
+      call by_successive(plan, system, load, nu, response, cancel)
     case (method_newton)
-      if (plan%chosen) then
-        call new_ladder(ladder, system, load, plan%set%half_wave, plan%most)
-      else
-        call one_rung(ladder, system, load, plan%set)
+      call by_newton(plan, system, load, nu, response, cancel, start)
+    case (method_auto)
+      call by_successive(plan, system, load, nu, response, cancel)
+      response%method = merge(method_successive, method_newton, &
+                              response%outcome == outcome_converged)
+      if (any(response%method == method_newton)) then
+        found = response
+        call by_newton(plan, system, load, nu, response, cancel, found=found)
       end if
-      call newton_response(system, load, nu, ladder, plan%options, response, cancel, start)
     case default
       call linear_response(system, load, nu, response)
+      return
     end select
+    call response%add_base_motion(system, load)
   end subroutine whole_response
 
-  !> Successive approximations, which take many frequencies at once: those whose harmonics
-  !! do not suffice again, with as many as the one needs that needs most.
-  subroutine with_enough_harmonics(plan, system, load, nu, response)
+  !> Relative to the base.
+  subroutine by_successive(plan, system, load, nu, response, cancel)
     type(response_plan_type), intent(in) :: plan
     class(oscillator_type), intent(in) :: system
     type(load_type), intent(in) :: load
     real(wp), intent(in) :: nu(:)
     type(response_type), intent(out) :: response
+    integer, intent(inout), optional :: cancel
+
+    if (plan%chosen) then
+      call with_enough_harmonics(plan, system, load, nu, response, cancel)
+    else
+      call successive_response(system, load, nu, plan%set, plan%options, response, cancel)
+    end if
+  end subroutine by_successive
+
+  !> Relative to the base.
+  subroutine by_newton(plan, system, load, nu, response, cancel, start, found)
+    type(response_plan_type), intent(in) :: plan
+    class(oscillator_type), intent(in) :: system
+    type(load_type), intent(in) :: load
+    real(wp), intent(in) :: nu(:)
+    type(response_type), intent(out) :: response
+    integer, intent(inout), optional :: cancel
+    real(wp), intent(in), optional :: start(:, :)
+    type(response_type), intent(in), optional :: found
+    type(balance_ladder_type) :: ladder
+
+    if (plan%chosen) then
+      call new_ladder(ladder, system, load, plan%set%half_wave, plan%newton_most)
+    else
+      call one_rung(ladder, system, load, plan%set)
+    end if
+    call newton_response(system, load, nu, ladder, plan%options, response, cancel, start, found)
+  end subroutine by_newton
+
+  !> Successive approximations, which take many frequencies at once: those whose harmonics
+  !! do not suffice again, with as many as the one needs that needs most.
+  subroutine with_enough_harmonics(plan, system, load, nu, response, cancel)
+    type(response_plan_type), intent(in) :: plan
+    class(oscillator_type), intent(in) :: system
+    type(load_type), intent(in) :: load
+    real(wp), intent(in) :: nu(:)
+    type(response_type), intent(out) :: response
+    integer, intent(inout), optional :: cancel
     type(response_type) :: better
     type(harmonic_set_type) :: set
     integer, allocatable :: few(:)
@@ -110,7 +149,7 @@ contains
 
     highest = min(max(first_harmonics, 2*lowest_order(load) + 1), plan%most)
     call new_harmonic_set(set, highest, plan%set%half_wave, system%degree)
-    call successive_response(system, load, nu, set, plan%options, response)
+    call successive_response(system, load, nu, set, plan%options, response, cancel)
     do
       few = pack([(i, i=1, size(nu))], response%outcome == outcome_converged)
       few = pack(few, response%truncation(few) > response%allowed(few))
@@ -122,7 +161,7 @@ contains
       highest = ior(min(highest, 2*set%orders(size(set%orders)) + 1), 1)
       highest = min(highest, plan%most)
       call new_harmonic_set(set, highest, plan%set%half_wave, system%degree)
-      call successive_response(system, load, nu(few), set, plan%options, better)
+      call successive_response(system, load, nu(few), set, plan%options, better, cancel)
       call response%replace(few, better)
     end do
   end subroutine with_enough_harmonics

@@ -13,7 +13,7 @@ module viscovib_newton_response
   use viscovib_outcomes, only: outcome_converged, outcome_singular, outcome_stopped
   use viscovib_point_orders, only: choose_orders, order_choice
   use viscovib_response, only: response_options, response_type
-  use viscovib_stopping, only: is_set, stop_wanted
+  use viscovib_stopping, only: begin_piece, is_set, stop_wanted
   use viscovib_truncated_stability, only: doubt_motions
   implicit none
   private
@@ -40,6 +40,7 @@ module viscovib_newton_response
   contains
     procedure :: begin
     procedure :: begin_at
+    procedure :: take
     procedure :: find
     procedure :: attempt
     procedure :: raise_load
@@ -49,7 +50,8 @@ module viscovib_newton_response
 
 contains
 
-  subroutine newton_response(system, load, nu, ladder, options, response, cancel, start)
+  !> Motions that `found` contains are kept, and the next ones start from them.
+  subroutine newton_response(system, load, nu, ladder, options, response, cancel, start, found)
     class(oscillator_type), intent(in) :: system
     type(load_type), intent(in) :: load
     !> Circular frequencies (rad/s).
@@ -57,24 +59,39 @@ contains
     !> Harmonics to keep, or to choose from.
     type(balance_ladder_type), intent(inout) :: ladder
     type(response_options), intent(in) :: options
+    !> Relative to the base.
     type(response_type), intent(out) :: response
     !> May be set from elsewhere to give up.
     integer, intent(inout), optional :: cancel
     !> A motion to begin at, shape (2 n_orders of the highest rung, n_dof).
     real(wp), intent(in), optional :: start(:, :)
+    !> Motions computed by another method, relative to the base.
+    type(response_type), intent(in), optional :: found
     type(walk_type) :: walk
-    integer :: i, rest
+    integer :: i, m, rest
 
     rest = ladder%rung_of(orders_from_rest)
     ladder%least = options%least
     call ladder%prepare(rest, system, load, nu(1))
-    call response%allocate_for(nu, ladder%rungs(rest)%balance%set%orders, system%n_dof(), 0)
+    if (present(found)) then
+      response = found
+    else
+      call response%allocate_for(nu, ladder%rungs(rest)%balance%set%orders, system%n_dof(), 0)
+    end if
     call walk%begin(rest, 2*ladder%n_orders(ladder%n_rungs), system%n_dof())
     if (present(start)) call walk%begin_at(start, nu(1), ladder)
     do i = 1, size(nu)
       if (present(cancel)) then
         if (is_set(cancel)) return
       end if
+      if (present(found)) then
+        if (found%outcome(i) == outcome_converged) then
+          call walk%take(response, i, ladder)
+          cycle
+        end if
+        call response%renew(i)
+      end if
+      call begin_piece()
       if (stop_wanted()) then
         call response%discard(i, outcome_stopped)
         cycle
@@ -85,9 +102,10 @@ contains
         cycle
       end if
       call keep(walk, ladder, i, response)
-      associate (x => walk%x(:2*size(response%orders), :))
+      m = min(size(response%orders), size(walk%x, 1)/2)
+      associate (x => walk%x(:2*m, :))
         call response%allow(options, i, weighted_norm(system, x) &
-                            *share_of_motion(system, load, 1.0_wp, response%orders, x))
+                            *share_of_motion(system, load, 1.0_wp, response%orders(:m), x))
       end associate
       call walk%advance(nu(i))
     end do
@@ -95,7 +113,6 @@ contains
       call judge_all(system, ladder%rungs(ladder%rung_of(maxval(response%orders)))%balance%set, &
                      response, cancel)
     end if
-    call response%add_base_motion(system, load)
   end subroutine newton_response
 
   !> Nothing is known yet.
@@ -125,6 +142,30 @@ contains
     self%known = 1
     self%begins = .true.
   end subroutine begin_at
+
+  !> A motion that another method found is the last one; its harmonics above the highest rung are
+  !! dropped.
+  subroutine take(self, response, i, ladder)
+    class(walk_type), intent(inout) :: self
+    type(response_type), intent(in) :: response
+    integer, intent(in) :: i
+    type(balance_ladder_type), intent(in) :: ladder
+    integer :: d, k
+
+    k = count(response%orders <= response%highest(i))
+    do while (ladder%n_orders(self%choice%rung) < k .and. self%choice%rung < ladder%n_rungs)
+      self%choice%rung = self%choice%rung + 1
+    end do
+    k = min(k, ladder%n_orders(ladder%n_rungs))
+    self%m = 2*k
+    self%rows = max(self%rows, self%m)
+    self%x(:self%rows, :) = 0.0_wp
+    do d = 1, size(self%x, 2)
+      self%x(1:2*k:2, d) = real(response%coefficients(:k, d, i))
+      self%x(2:2*k:2, d) = aimag(response%coefficients(:k, d, i))
+    end do
+    call self%advance(response%nu(i))
+  end subroutine take
 
   !> A motion at a frequency: beyond the last two, from the last, or raised from rest.
   subroutine find(self, system, load, nu, ladder, tolerance, iterations, cancel)

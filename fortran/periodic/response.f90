@@ -44,6 +44,8 @@ module viscovib_response
     !> One of `viscovib_outcomes`, iterations made, and the factor by which
     !! the last corrections shrank an iteration, shape (n).
     integer, allocatable :: outcome(:), iterations(:)
+    !> Method by which each was computed, one of `method_names`, shape (n).
+    integer, allocatable :: method(:)
     real(wp), allocatable :: rate(:)
     !> Highest order kept (0 where no solution was found; coefficients beyond it are 0),
     !! and the estimated relative error of leaving out those above, shape (n).
@@ -60,6 +62,7 @@ module viscovib_response
     procedure :: allocate_for
     procedure :: allow
     procedure :: discard
+    procedure :: renew
     procedure :: widen
     procedure :: replace
     procedure :: add_base_motion
@@ -110,6 +113,17 @@ contains
     self%truncation(i) = nan
     self%coefficients(:, :, i) = cmplx(nan, nan, wp)
   end subroutine discard
+
+  !> Point i is computed again: as `allocate_for` leaves it.
+  subroutine renew(self, i)
+    class(response_type), intent(inout) :: self
+    integer, intent(in) :: i
+    self%outcome(i) = outcome_converged
+    self%coefficients(:, :, i) = (0.0_wp, 0.0_wp)
+    self%iterations(i) = 0
+    self%rate(i) = 0.0_wp
+    self%corrections(:, i) = ieee_value(0.0_wp, ieee_quiet_nan)
+  end subroutine renew
 
   !> Room for more orders, those here being the first of them.
   subroutine widen(self, orders)

@@ -21,10 +21,12 @@ module viscovib_response_plan
 
   public :: response_plan_type, new_response_plan
 
+  !> `method_auto`, the default: successive approximations where they converge, Newton's method
+  !! elsewhere.
   integer, parameter, public :: method_linear = 1, method_successive = 2, &
-                                method_newton = 3
-  character(len=*), parameter, public :: method_names(3) = &
-    [character(len=10) :: 'linear', 'successive', 'newton']
+                                method_newton = 3, method_auto = 4
+  character(len=*), parameter, public :: method_names(4) = &
+    [character(len=10) :: 'linear', 'successive', 'newton', 'auto']
   !> Bounds of the options.
   integer, parameter, public :: max_iterations_allowed = 100000
   !> Unknowns of Newton's method at most: what fills a matrix of 32 MB.
@@ -37,9 +39,9 @@ module viscovib_response_plan
     !! on the way the least that may be.
     type(harmonic_set_type) :: set
     type(response_options) :: options
-    !> Harmonics are chosen on the way, up to the order `most`.
+    !> Harmonics are chosen on the way, up to the order `most`, by Newton's method to `newton_most`.
     logical :: chosen = .false.
-    integer :: most = 0
+    integer :: most = 0, newton_most = 0
     !> Coordinates that are computed, shape (n_dof); the others stay at rest.
     logical, allocatable :: moved(:)
     !> Lines `computes: ...` and `skips: ...`, separated by new-line characters; and those
@@ -71,7 +73,7 @@ contains
     end do
     if (method < 1 .or. method > size(method_names)) then
       call fail(status, status_input_error, 'method', 'method = '//show(method) &
-                //': must be linear (1), successive (2) or newton (3)')
+                //': must be linear (1), successive (2), newton (3) or auto (4)')
       return
     end if
     call check_options(options, status)
@@ -107,6 +109,8 @@ contains
       return
     end if
     plan%method = merge(method_linear, method, system%is_linear())
+    if (plan%method == method_auto .and. (has_states(system) .or. system%moving .or. &
+                                          plan%options%stability)) plan%method = method_newton
     if (plan%method == method_linear) then
       plan%set%orders = load%orders
     else
@@ -126,18 +130,20 @@ contains
     if (plan%options%stability .and. plan%method /= method_newton) then
       call fail(status, status_input_error, 'stability', 'stability: ' &
                 //trim(merge('nothing is nonlinear, see the characteristic roots', &
-                             'needs method = newton                             ', &
+                             'needs method = newton or auto                     ', &
                              system%is_linear())))
       return
     end if
     call check_mean(plan, system, status)
     if (status%failed()) return
     n = 2*size(plan%set%orders)*system%n_dof()
-    if (plan%method == method_newton .and. plan%chosen) then
+    if (plan%method == method_auto .and. n > max_unknowns) plan%method = method_successive
+    if (plan%chosen) then
       ! Orders below these fill the unknowns there may be.
       highest = max_unknowns/(2*system%n_dof())
       highest = merge(2*highest - 1, highest - 1, plan%set%half_wave)
-      plan%most = max(min(plan%most, highest), plan%set%orders(size(plan%set%orders)))
+      plan%newton_most = max(min(plan%most, highest), plan%set%orders(size(plan%set%orders)))
+      if (plan%method == method_newton) plan%most = plan%newton_most
     end if
     if (plan%method == method_newton .and. n > max_unknowns) then
       call fail(status, status_input_error, 'harmonics', 'harmonics = ' &
@@ -215,7 +221,7 @@ contains
     class(oscillator_type), intent(in) :: system
     type(load_type), intent(in) :: load
     integer, intent(in) :: n_nu, method
-    character(len=:), allocatable :: kept
+    character(len=:), allocatable :: kept, by_turns
     integer :: n_kernels, i
 
     plan%rest = ''
@@ -249,8 +255,12 @@ contains
       kept = 'harmonics chosen to meet the tolerance, at most '//show(plan%most)
       if (plan%method == method_newton) kept = 'harmonics chosen at each frequency'//kept(17:)
     end if
+    by_turns = ''
+    if (plan%method == method_auto) by_turns = " (successive approximations, Newton's method " &
+                                               //'where they do not converge)'
     plan%text = 'computes: response at '//things(n_nu, 'frequency', 'frequencies') &
-                //' by method '//trim(method_names(plan%method))//', '//kept//new_line('a') &
+                //' by method '//trim(method_names(plan%method)) &
+                //by_turns//', '//kept//new_line('a') &
                 //plan%rest
     if (.not. plan%options%keep_history) plan%text = plan%text &
                                                      //'skips: history of corrections (not ' &

@@ -29,7 +29,7 @@ module viscovib_successive
   use viscovib_response, only: response_options, response_type
   use viscovib_response_lanes, only: advance, allocate_block, block_type, lane_norm, load_lane, &
     nonlinear_force, restart_lane, solve_lanes
-  use viscovib_stopping, only: stop_wanted
+  use viscovib_stopping, only: is_set, stop_wanted
   use viscovib_truncation, only: kinked_tail
   implicit none
   private
@@ -52,7 +52,7 @@ module viscovib_successive
 
 contains
 
-  subroutine successive_response(system, load, nu, set, options, response)
+  subroutine successive_response(system, load, nu, set, options, response, cancel)
     class(oscillator_type), intent(in) :: system
     type(load_type), intent(in) :: load
     !> Circular frequencies (rad/s).
@@ -60,7 +60,10 @@ contains
     !> Harmonics to keep.
     type(harmonic_set_type), intent(in) :: set
     type(response_options), intent(in) :: options
+    !> Relative to the base.
     type(response_type), intent(out) :: response
+    !> May be set from elsewhere to give up.
+    integer, intent(inout), optional :: cancel
     type(block_type) :: work, judging
     type(harmonic_set_type) :: more
     integer :: first, last
@@ -74,14 +77,15 @@ contains
     call allocate_block(judging, system, more)
     do first = 1, size(nu), chunk_size
       last = min(first + chunk_size - 1, size(nu))
-      call iterate_chunk(system, load, set, options, work, response, first, last, more, judging)
+      call iterate_chunk(system, load, set, options, work, response, first, last, more, judging, &
+                         cancel)
     end do
-    call response%add_base_motion(system, load)
   end subroutine successive_response
 
   !> Bring the points first..last of the response to an end, and judge them with `more`
   !! orders.
-  subroutine iterate_chunk(system, load, set, options, work, response, first, last, more, judging)
+  subroutine iterate_chunk(system, load, set, options, work, response, first, last, more, judging, &
+                           cancel)
     class(oscillator_type), intent(in) :: system
     type(load_type), intent(in) :: load
     type(harmonic_set_type), intent(in) :: set
@@ -91,8 +95,9 @@ contains
     integer, intent(in) :: first, last
     type(harmonic_set_type), intent(in) :: more
     type(block_type), intent(inout) :: judging
+    integer, intent(inout), optional :: cancel
     complex(wp), allocatable :: fraction(:, :, :), compliance(:, :, :, :)
-    logical :: singular(last - first + 1)
+    logical :: singular(last - first + 1), stopped
     integer :: n, m, next_point, lane, i
 
     n = last - first + 1
@@ -119,7 +124,9 @@ contains
         end do
       end do
       if (all(work%point == 0)) exit
-      if (stop_wanted()) then
+      stopped = stop_wanted()
+      if (present(cancel) .and. .not. stopped) stopped = is_set(cancel)
+      if (stopped) then
         call give_up()
         exit
       end if

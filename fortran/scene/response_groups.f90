@@ -32,7 +32,7 @@ contains
     integer :: judged
 
     method = 0
-    word = reader%read_text('method', 'successive', method_names, method)
+    word = reader%read_text('method', 'auto', method_names, method)
     options%choose_harmonics = .true.
     call reader%read_count('harmonics', options%harmonics, 'auto', options%choose_harmonics)
     call read_relative(reader, options%tolerance)

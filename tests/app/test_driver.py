@@ -142,10 +142,16 @@ def test_no_memory_skips_the_transforms(solve, tmp_path):
 
 def test_unsolved_frequencies_are_status_1(solve, tmp_path):
     scene = tmp_path / "s.nml"
-    scene.write_text(GOOD.replace("amplitude=0.1 ", "amplitude=5.0 "))
+    hard = GOOD.replace("amplitude=0.1 ", "amplitude=5.0 ")
+    scene.write_text(hard)
+    done = solve(scene, "--out", tmp_path)
+    assert done.returncode == 0
+    assert set(read_csv(tmp_path / "s_response.csv")["method"]) == {"successive", "newton"}
+    scene.write_text(hard.replace("&response ", "&response method='successive' "))
     done = solve(scene, "--out", tmp_path)
     assert done.returncode == 1
     assert not done.stderr
+    assert "try method = 'auto'" in done.stdout
     table = read_csv(tmp_path / "s_response.csv")
     lost = table["outcome"] != "converged"
     assert lost.any()

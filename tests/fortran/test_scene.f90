@@ -6,7 +6,7 @@ module test_scene
   use viscovib_kinds, only: wp
   use viscovib_mount, only: geometry_cubic
   use viscovib_response_job, only: response_job
-  use viscovib_response_plan, only: method_linear, method_successive
+  use viscovib_response_plan, only: method_auto, method_linear
   use viscovib_scene, only: read_scene, scene_type
   use viscovib_status, only: clipped, status_input_error, status_io_error, status_type
   implicit none
@@ -39,7 +39,7 @@ contains
       associate (job => scene%job)
         select type (job)
         type is (response_job)
-          call check(job%method == method_successive, 'method')
+          call check(job%method == method_auto, 'method')
           call check(job%options%harmonics == 9, 'harmonics')
           call check_close(job%options%tolerance, 1.0e-10_wp, 0.0_wp, 'tolerance')
         class default

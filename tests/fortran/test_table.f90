@@ -28,6 +28,7 @@ contains
     character(len=:), allocatable :: text
 
     call response%allocate_for([0.1_wp, 2.0_wp], [1, 3], 2, 0)
+    response%method = [2, 3]
     response%coefficients(2, 1, 1) = (1.0_wp, -0.3_wp)
     call response%discard(2, outcome_diverged)
     call tabulate_response(response, ['x  ', 'phi'], ['m  ', 'rad'], table, &
@@ -38,12 +39,13 @@ contains
       call check_ok(status)
       text = read_scratch('table/a/t.csv')
       call check(index(text, '# first'//nl//'# second'//nl//'# nu: ') == 1, 'header')
-      call check(index(text, nl//'nu,outcome,iterations,rate,highest,truncation,error,x_1_re,' &
-                       //'x_1_im,x_3_re,x_3_im,phi_1_re,') > 0, 'columns')
-      call check(index(text, nl//'1.0000000000000001e-01,converged,0,') > 0, 'digits')
+      call check(index(text, nl//'nu,outcome,method,iterations,rate,highest,truncation,error,' &
+                       //'x_1_re,x_1_im,x_3_re,x_3_im,phi_1_re,') > 0, 'columns')
+      call check(index(text, nl//'1.0000000000000001e-01,converged,successive,0,') > 0, 'digits')
       call check(index(text, ',1.0000000000000000e+00,-2.9999999999999999e-01,') > 0, 'values')
-      call check(index(text, nl//'2.0000000000000000e+00,diverged,0,0.0000000000000000e+00,0' &
-                       //repeat(',nan', 10)//nl) > 0, 'no solution is nan')
+      call check(index(text, nl//'2.0000000000000000e+00,diverged,newton,0,' &
+                       //'0.0000000000000000e+00,0'//repeat(',nan', 10)//nl) > 0, &
+                 'no solution is nan')
       call check(read_scratch('table/a/t.csv.part') == '(none)', 'nothing left beside it')
     end if
 

@@ -104,7 +104,7 @@ def test_steady_values_of_independent_programs(mount):
 
 def test_iteration_reports_how_it_ended(mount):
     with pytest.warns(vv.ConvergenceWarning, match="diverged"):
-        r = vv.forced_response(mount(), np.linspace(1.0, 2.2, 40), load=0.5)
+        r = vv.forced_response(mount(), np.linspace(1.0, 2.2, 40), load=0.5, method="successive")
     good = r.converged
     assert good.any()
     assert (~good).any()
@@ -112,6 +112,64 @@ def test_iteration_reports_how_it_ended(mount):
     assert np.isfinite(r.coefficients[good]).all()
     assert (r.rate[good] < 1).all()
     assert (r.rate[r.outcome == "diverged"] > 1).all()
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_a_plain_call_finds_a_motion_at_every_frequency(seed):
+    """Through resonance, in both directions; each motion satisfies the equation of motion."""
+    rng = np.random.default_rng([48, seed])
+    damping, cubic, load = rng.uniform([0.02, 0.1, 0.1], [0.2, 1, 0.5])
+    system = vv.PolynomialSystem(
+        mass=1, stiffness=1, damping=damping, forces=f"{cubic}*x^3", base_direction=[1]
+    )
+    nu = np.linspace(0.5, 2.5, 40)[:: rng.choice([-1, 1])]
+    driven = {"load": {1: load}} if seed % 2 else {"base": {1: load, 3: 0.1 * load}}
+    r = vv.forced_response(system, nu, **driven)
+    assert r.converged.all()
+    assert set(r.methods) == {"successive", "newton"}
+    assert r.method == "auto"
+    phase = 2 * np.pi * np.arange(256) / 256
+    for i in range(nu.size):
+        waves = np.exp(1j * r.harmonics * phase[:, np.newaxis])
+        factors = [
+            np.ones(r.harmonics.size),
+            1j * nu[i] * r.harmonics,
+            -((nu[i] * r.harmonics) ** 2),
+        ]
+        u, v, a = (np.imag(waves @ (f * r.coefficients[i, 0])) for f in factors)
+        moved = driven.get("base", {})
+        base = sum(np.imag(w * np.exp(1j * k * phase)) for k, w in moved.items())
+        rate = sum(np.imag(1j * k * nu[i] * w * np.exp(1j * k * phase)) for k, w in moved.items())
+        force = np.imag(driven.get("load", {1: 0})[1] * np.exp(1j * phase))
+        left = a + damping * (v - rate) + (u - base) + cubic * (u - base) ** 3 - force
+        assert np.abs(left).max() < 1e-7 * np.abs(a).max()
+    alone = vv.forced_response(system, nu, **driven, method="newton")
+    same = np.abs(alone.coefficients[:, 0, 0] - r.coefficients[:, 0, 0]) < 1e-8
+    assert same[r.methods == "newton"].any()
+
+
+def test_the_plan_chooses_newton_where_nothing_else_works(mount):
+    friction = vv.Structure(
+        mass=[1.0],
+        stiffness=[1.0],
+        damping=[0.1],
+        elements=[vv.Jenkins(on="x1", stiffness=1, limit=0.1)],
+    )
+    assert vv.forced_response(friction, [0.5], load=[0.5], tolerance=1e-5).method == "newton"
+    assert vv.forced_response(mount(), [0.5], load=0.1, stability=True).method == "newton"
+    assert vv.forced_response(mount(), [0.5], load=0.1).method == "successive"
+    assert set(vv.forced_response(mount(), [0.5], load=0.1, method="linear").methods) == {"linear"}
+
+
+def test_a_lost_frequency_names_the_remedy_as_a_call(mount):
+    with pytest.warns(vv.ConvergenceWarning, match=r"use forced_response\(..., method='auto'\)"):
+        vv.forced_response(mount(), [1.5], load=5, method="successive")
+    stuck = vv.PolynomialSystem(mass=1, stiffness=1, damping=0.1, forces="0.5*sign(x_dot)")
+    with pytest.warns(vv.ConvergenceWarning, match=r"Newton's method .* use trace_response\("):
+        vv.forced_response(stuck, [0.5], load=0.4)
+    free = vv.PolynomialSystem(mass=1, stiffness=1)
+    with pytest.warns(vv.ConvergenceWarning, match="linear response .* give the system damping"):
+        vv.forced_response(free, [1.0], load=1)
 
 
 def test_corrections_shrink_at_the_reported_rate(mount):
@@ -126,9 +184,9 @@ def test_relaxation_finds_more_and_agrees(mount):
     nu = np.linspace(1.2, 2.0, 200)
     body = mount(amplitude=0.02)
     with pytest.warns(vv.ConvergenceWarning):
-        plain = vv.forced_response(body, nu, load=0.1)
+        plain = vv.forced_response(body, nu, load=0.1, method="successive")
     with pytest.warns(vv.ConvergenceWarning):
-        relaxed = vv.forced_response(body, nu, load=0.1, relaxation="auto")
+        relaxed = vv.forced_response(body, nu, load=0.1, method="successive", relaxation="auto")
     both = plain.converged
     assert relaxed.converged.sum() > both.sum()
     assert relaxed.coefficients[both] == pytest.approx(plain.coefficients[both], abs=1e-11)

@@ -106,7 +106,7 @@ def test_a_name_that_nobody_knows_is_an_error_of_the_function_called():
 
 STRETCHED = replace(documented_calls.SWUNG, m01=0.0, f0=0.1, p1=0.8)
 WARNING = [
-    lambda: vv.forced_response(documented_calls.DUFFING, 1.0, load=1),
+    lambda: vv.forced_response(documented_calls.DUFFING, 1.0, load=1, method="successive"),
     lambda: vv.forced_response(documented_calls.DUFFING, 1.0, load=1, method="newton", harmonics=1),
     lambda: vv.trace_response(documented_calls.DUFFING, (0.5, 0.6), load=1, harmonics=1),
     lambda: vv.forced_response(STRETCHED, f0=[0.01, 40.0], harmonics=9),

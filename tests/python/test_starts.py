@@ -95,4 +95,4 @@ def test_what_is_no_start(start: object, message: str) -> None:
         with pytest.raises(vv.InputError, match=message):
             call()
     with pytest.raises(vv.InputError, match="start: needs method = 'newton'"):
-        vv.forced_response(absorber(True), [1], load=0.1, start=start)
+        vv.forced_response(absorber(True), [1], load=0.1, method="successive", start=start)

@@ -29,7 +29,7 @@ def forced_response(
     *,
     load: LoadLike | None = None,
     base: LoadLike | None = None,
-    method: str = "successive",
+    method: str = "auto",
     harmonics: int | str = "auto",
     tolerance: float = 1e-10,
     rtol: float | None = None,
@@ -72,7 +72,7 @@ def forced_response(
     f0: npt.ArrayLike | None = None,
     m01: npt.ArrayLike | None = None,
     m02: npt.ArrayLike | None = None,
-    method: str = "successive",
+    method: str = "auto",
     harmonics: int | str = "auto",
     tolerance: float = 1e-10,
     rtol: float | None = None,
@@ -116,14 +116,18 @@ def forced_response(
     p1, p2, p3, f0, m01, m02 : array_like, shape (n,)
         For a pendulum, instead of ``nu``: values of one of its parameters. Without them a single
         motion is computed.
-    method : {"successive", "newton", "linear"}
+    method : {"auto", "successive", "newton", "linear"}
         For an oscillator. "linear": without nonlinear terms. "successive": successive
         approximations from the linear response; they converge if the nonlinear force is small
         compared with the dynamic stiffness. "newton": Newton's method, also through resonances.
         Each frequency starts from the previous one in the given order, as in a slow sweep. If
         several motions exist, sweeps up and down may return different motions. At the first
         frequency, and where the branch ends, the branch is followed in the load from 0 to the full
-        load, through its folds. `trace_response` returns the whole branch. A pendulum always uses
+        load, through its folds. "auto" (default): successive approximations where they converge,
+        Newton's method elsewhere, from the neighbouring motions; ``methods`` of the result contains
+        the method of each frequency. Hysteresis, finite rotations, ``stability`` and ``start`` use
+        Newton's method everywhere. If several motions exist, "auto" and "newton" may return
+        different motions. `trace_response` returns the whole branch. A pendulum always uses
         Newton's method.
     harmonics : int or "auto"
         Highest harmonic (1 to 399); with several base frequencies the highest |k1| + |k2| + ... .
@@ -149,7 +153,7 @@ def forced_response(
     stability : bool
         Also compute the stability of each motion: by Floquet multipliers, with memory by Hill's
         determinant (see `Branch`), for quasi-periodic motions by growth rates. An oscillator needs
-        ``method="newton"``.
+        ``method="newton"`` or "auto".
     duration : float
         For a pendulum: averaging time of the growth rates of a quasi-periodic motion, 1 to 1e6
         (default 3000). Rates that differ by less than about 1/duration share their errors. If the
@@ -161,7 +165,7 @@ def forced_response(
         For a pendulum: loads with frequency ratios of integers up to this number share a base
         frequency, 1 to 99; for ``nu`` or a subharmonic this applies to each pair.
     start : tuple, mapping or Trajectory
-        For an oscillator with ``method="newton"``: a motion near the first one, as for
+        For an oscillator with ``method="newton"`` or "auto": a motion near the first one, as for
         `trace_response`. A frequency at which Newton's method does not converge from it has no
         solution; the next frequency starts from it again.
     coordinates : sequence of str
@@ -201,8 +205,9 @@ def forced_response(
     --------
     >>> import viscovib as vv
     >>> duffing = vv.PolynomialSystem(mass=1, stiffness=1, damping=0.1, forces="x^3")
-    >>> vv.forced_response(duffing, [0.8, 1.2], load=0.2, method="newton").converged.all()
-    np.True_
+    >>> response = vv.forced_response(duffing, [0.2, 1.2], load=0.2)
+    >>> print(*response.methods)
+    successive newton
     """
     given = with_rtol(locals())
     if isinstance(system, Pendulum):
@@ -218,7 +223,7 @@ def plan_response(
     *,
     load: LoadLike | None = None,
     base: LoadLike | None = None,
-    method: str = "successive",
+    method: str = "auto",
     harmonics: int | str = "auto",
     tolerance: float = 1e-10,
     rtol: float | None = None,

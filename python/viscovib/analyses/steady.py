@@ -34,15 +34,16 @@ from viscovib.systems.law_ends import told_edges
 from viscovib.systems.load import Job, LoadLike
 from viscovib.systems.oscillators import Steady, check_steady, oscillator_job, refuse_turning
 from viscovib.systems.polynomial_system import PolynomialSystem
-from viscovib.systems.sticking import advice_on_sticking
+from viscovib.systems.sticking import advice_on_sticking, laws_of
 
-METHODS = ("linear", "successive", "newton")
+METHODS = ("linear", "successive", "newton", "auto")
 OUTCOMES = np.array(["converged", "stalled", "diverged", "singular", "overflow", "stopped"])
 #: Frequencies a native call takes at most: how often progress shows and Ctrl-C is heard.
 CHUNK = 4096
 
-#: Frequencies times unknowns squared that Newton's method takes without a thread of its own.
-_LONG = 6400
+#: Frequencies times unknowns squared that Newton's method takes without a thread of its own, and
+#: successive approximations with polynomial forces.
+_LONG, _LONG_POLYNOMIAL = 6400, 640000
 #: Orders that a frequency takes as a rule where they are chosen.
 _TYPICAL = 10
 #: Powers from which on harmonics fall fast.
@@ -67,6 +68,8 @@ def mount_response(
     progress: bool,
 ) -> Response:
     """`forced_response` of a mount, a polynomial system or a structure."""
+    if start is not None and method == "auto":
+        method = "newton"
     job, frequencies, options, loaded = prepare(
         system, nu, load, base, method, harmonics, (tolerance, atol), max_iterations, relaxation,
         STABILITY.check(stability),
@@ -74,7 +77,7 @@ def mount_response(
     PROGRESS.check(progress)
     if coordinates is not None and loaded is None:
         raise InputError("coordinates: can be chosen for a structure only, must be None")
-    work = _Work(job, frequencies, options, loaded)
+    work = _Work(job, frequencies, options, loaded, not laws_of(system))
     if start is not None:
         begin = _begin(system, start, job, work, frequencies[0])
         work = _Work(job, frequencies, {**options, "start": begin}, loaded)
@@ -93,6 +96,7 @@ def mount_response(
         "highest": _joined(parts, "highest"),
         "truncation": _joined(parts, "truncation"),
         "method": ran,
+        "_methods": np.array(METHODS)[parts[0]["methods"]] if ran == "auto" else None,
         "dof_names": system.dof_names,
         "dof_units": system.dof_units,
         "_work": work,
@@ -169,11 +173,13 @@ class _Work:
     frequencies: FloatArray
     options: dict[str, Any]
     loaded: LoadedStructure | None
+    #: All forces are polynomials.
+    is_polynomial: bool = False
 
     def run(self, show: bool = False, **more: Any) -> list[dict[str, Any]]:
         options = {**self.options, **more}
-        if options["method"] == "newton":
-            # It follows its branch from frequency to frequency, all in one piece.
+        if options["method"] in ("newton", "auto"):
+            # Newton's method follows its branch from frequency to frequency, all in one piece.
             return [self._whole(options, show)]
         nu, parts = self.frequencies, []
         size = max(CHUNK * 8 // max(self.job.n_dof, 2) ** 3, 1)
@@ -187,9 +193,12 @@ class _Work:
         return parts
 
     def _whole(self, options: dict[str, Any], show: bool) -> dict[str, Any]:
-        # A matrix of the unknowns is factorized a few times a frequency.
+        # A matrix of the unknowns is factorized a few times a frequency; successive approximations
+        # take less time.
         unknowns = self.job.n_dof * (options["harmonics"] or _TYPICAL)
-        long = options["stability"] or self.frequencies.size * unknowns**2 > _LONG
+        fast = options["method"] == "auto" and self.is_polynomial
+        most = _LONG_POLYNOMIAL if fast else _LONG
+        long = options["stability"] or self.frequencies.size * unknowns**2 > most
         run = self.job.run_apart if long else self.job.run
         with progress_bar(self.frequencies.size, "nu", show) as bar:
             found = run("response solve", nu=self.frequencies, **options)
@@ -308,14 +317,29 @@ def _warn_of_gaps(response: Response, system: Steady) -> None:
     kinds = ", ".join(
         f"{count} {name}" for name in OUTCOMES[1:] if (count := (response.outcome == name).sum())
     )
+    low, high = response.nu[lost].min(), response.nu[lost].max()
+    found, remedy = _REMEDIES[response.methods[lost][0]]
     warnings.warn(
-        f"{lost.sum()} of {asked} {'has' if lost.sum() == 1 else 'have'} no solution ({kinds}), "
-        "between nu = "
-        f"{response.nu[lost].min():.6g} and {response.nu[lost].max():.6g}; they hold NaN"
-        f"{told_edges(system)}{advice_on_sticking(system)}",
+        f"{found} at {lost.sum()} of {asked} ({kinds}), between nu = {low:.6g} and {high:.6g}, NaN "
+        f"there: {remedy}{told_edges(system)}{advice_on_sticking(system)}",
         ConvergenceWarning,
         stacklevel=caller(),
     )
+
+
+#: What happened without a solution, by the method, and the remedy.
+_REMEDIES = {
+    "linear": ("no finite linear response", "give the system damping"),
+    "successive": (
+        "successive approximations do not converge",
+        "use forced_response(..., method='auto'), which continues with Newton's method",
+    ),
+    "newton": (
+        "Newton's method finds no motion",
+        "use trace_response(system, nu_range, load=...), which follows the branch, or a larger "
+        "tolerance=",
+    ),
+}
 
 
 def falling(coefficients: ComplexArray) -> str:

@@ -101,7 +101,10 @@ class Response(PeriodicMotions, Result):
         at least the rounding error. For successive approximations with non-polynomial forces it
         includes the error of the samples.
     method : str
-        The method that was used.
+        The method that was used; "auto" if ``methods`` contains two different methods.
+    methods : ndarray of str, shape (n,)
+        The method that computed each motion: "linear", "successive" or "newton". Without a
+        solution, the last method that was tried.
     stable : ndarray of bool, shape (n,), or None
         Stability of each motion; None: not requested. If it is unknown for some motions, the array
         contains objects: True, False and None.
@@ -155,6 +158,8 @@ class Response(PeriodicMotions, Result):
     exponents: ComplexArray | None = None
     slowest: npt.NDArray[np.bool_] | None = None
     power: FloatArray | None = None
+    #: The method of each motion, if they differ.
+    _methods: npt.NDArray[np.str_] | None = field(default=None, repr=False)
     #: What takes energy from the motions.
     _parts: Parts | None = field(default=None, repr=False)
     #: Further columns that a scene asks for.
@@ -172,6 +177,11 @@ class Response(PeriodicMotions, Result):
     def converged(self) -> npt.NDArray[np.bool_]:
         """True where a solution was found, shape (n,)."""
         return np.asarray(self.outcome == "converged")
+
+    @property
+    def methods(self) -> npt.NDArray[np.str_]:
+        """The method that computed each motion, shape (n,)."""
+        return np.full(self.nu.size, self.method) if self._methods is None else self._methods
 
     @cached_property
     def plan(self) -> Plan:
@@ -459,6 +469,7 @@ class Response(PeriodicMotions, Result):
                 "coefficients": (dims, self.coefficients, {"long_name": "X_k, m or rad"}),
                 "amplitude": (dims, np.abs(self.coefficients), {"long_name": "|X_k|, m or rad"}),
                 "outcome": ("nu", self.outcome),
+                "method": ("nu", self.methods),
                 "iterations": ("nu", self.iterations),
                 "rate": ("nu", self.rate),
                 "highest": ("nu", self.highest, {"long_name": "highest order kept"}),
@@ -503,6 +514,7 @@ class Response(PeriodicMotions, Result):
             {
                 "nu": self.nu,
                 "outcome": self.outcome,
+                "method": self.methods,
                 "iterations": self.iterations,
                 "rate": self.rate,
                 "highest": self.highest,
