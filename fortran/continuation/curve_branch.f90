@@ -7,8 +7,10 @@
 !! null vector leads onto the other branch.
 module viscovib_curve_branch
   use viscovib_curve, only: curve_type
-  use viscovib_curve_corrector, only: aim, compare, correct, corrector_type, new_corrector
-  use viscovib_curve_events, only: locate_branch_point, locate_fold, locate_value, nowhere
+  use viscovib_curve_corrector, only: aim, aim_straight, compare, correct, corrector_type, &
+    new_corrector
+  use viscovib_curve_events, only: drop_last_near, locate_branch_point, locate_fold, &
+    locate_value, nowhere, turn_at
   use viscovib_curve_options, only: curve_options, curve_table
   use viscovib_curve_point, only: angle_between, copy_point, curve_point, distance, &
     goes_to_and_fro, haunt_type, is_ahead, new_point, normalize, reverse
@@ -62,6 +64,9 @@ module viscovib_curve_branch
     !> Whether it began by leaving a branch point, whether it has left its first point, and whether
     !! the step just made passes the branch point again, where the branch closes.
     logical :: leaves = .false., away = .false., passes = .false.
+    !> The branch point at which the last step has turned back, if it has.
+    type(curve_point) :: turn
+    logical :: turned = .false.
   end type follower_type
 
 contains
@@ -138,6 +143,7 @@ contains
     end do
     call new_point(f%first, curve%n)
     call new_point(f%stop_point, curve%n)
+    call new_point(f%turn, curve%n)
     f%before => f%points(1)
     f%here => f%points(2)
     f%next => f%points(3)
@@ -265,7 +271,7 @@ contains
     if (branch%n_points == f%options%max_points) return
     call branch%add(f%next, at_stop(f, f%next%p))
     ended = closed
-    if (ended) branch%outcome = curve_closed
+    if (ended) call close_branch(f, branch)
     if (.not. ended .and. goes_to_and_fro(f%haunt, f%corrector, f%next)) then
       ended = .true.
       branch%outcome = curve_stuck
@@ -346,6 +352,7 @@ contains
       call refit(f%sized%blocks, f%curve%n, f%points(i))
     end do
     call refit(f%sized%blocks, f%curve%n, f%first)
+    call refit(f%sized%blocks, f%curve%n, f%turn)
     f%stop_point%x = f%here%x
     f%stop_point%slope_x = f%here%slope_x
     largest = f%corrector%largest
@@ -391,25 +398,37 @@ contains
                      < min(abs(f%here%slope_p), abs(f%next%slope_p))
   end function turns_at_first
 
+  !> End at the first point. It is a fold if the branch turns back there, whether the last step has
+  !! passed it or not.
+  subroutine close_branch(f, branch)
+    type(follower_type), intent(inout) :: f
+    type(curve_branch_type), intent(inout) :: branch
+    real(wp) :: slope
+    logical :: turns
+    branch%outcome = curve_closed
+    if (.not. f%leaves) return
+    slope = merge(f%here%slope_p, f%next%slope_p, f%passes)
+    call aim_straight(f%corrector)
+    call turn_at(f%curve, f%corrector, f%first, first_step, 0.0_wp, f%first%p, f%first%x, &
+                 branch%folds, turns, slope)
+    if (turns) branch%folds%before(branch%folds%n) = branch%n_points - 1
+  end subroutine close_branch
+
   !> Folds, branch points and stops between `here` and `next`, which lies a step `ahead`. Where the
-  !! branch began by leaving another, which it may pass or not before it closes, it has neither fold
-  !! nor branch point.
+  !! branch began by leaving another, which it may pass or not before it closes, it has no branch
+  !! point, and `close_branch` finds the fold.
   subroutine record_events(f, branch, ahead)
     type(follower_type), intent(inout) :: f
     type(curve_branch_type), intent(inout) :: branch
     real(wp), intent(in) :: ahead
     real(wp) :: at_fold, at_branch_point
     integer :: n_before
-    at_fold = nowhere
     at_branch_point = nowhere
-    if (f%here%slope_p*f%next%slope_p < 0.0_wp .and. .not. (leaving(f, branch) &
-                                                            .or. turns_at_first(f))) then
-      call locate_fold(f%curve, f%corrector, f%here, ahead, branch%folds, at_fold)
-    end if
     if (sign_changes(f, branch) .and. .not. f%passes) then
       call locate_branch_point(f%curve, f%corrector, f%here, ahead, branch%branch_points, &
                                at_branch_point)
     end if
+    call find_fold(f, branch, ahead, at_branch_point, at_fold)
     n_before = branch%n_points
     f%places = [real(wp) ::]
     if (size(f%stops) > 0) then
@@ -428,6 +447,37 @@ contains
                                                             + passed(f, at_branch_point, ahead)
     end if
   end subroutine record_events
+
+  !> A fold of the step: at its branch point, or elsewhere.
+  subroutine find_fold(f, branch, ahead, at_branch_point, at)
+    type(follower_type), intent(inout) :: f
+    type(curve_branch_type), intent(inout) :: branch
+    real(wp), intent(in) :: ahead, at_branch_point
+    real(wp), intent(out) :: at
+    logical :: turned, again
+
+    at = nowhere
+    turned = .false.
+    if (at_branch_point < nowhere) then
+      associate (points => branch%branch_points)
+        f%turn%p = points%p(points%n)
+        f%turn%x(:) = refitted(points%blocks, points%x(:, points%n), f%curve%n)
+      end associate
+      call turn_at(f%curve, f%corrector, f%here, ahead, at_branch_point, f%turn%p, f%turn%x, &
+                   branch%folds, turned)
+    end if
+    if (turned) then
+      at = at_branch_point
+    else if (f%here%slope_p*f%next%slope_p < 0.0_wp .and. .not. (leaving(f, branch) &
+                                                                 .or. turns_at_first(f))) then
+      call locate_fold(f%curve, f%corrector, f%here, ahead, branch%folds, at)
+      if (f%turned .and. at < nowhere) then
+        call drop_last_near(f%curve, f%corrector, f%turn, ahead, branch%folds, again)
+        if (again) at = nowhere
+      end if
+    end if
+    f%turned = turned
+  end subroutine find_fold
 
   !> Points between `here` and a place of the step, which may lie a little off it.
   pure integer function passed(f, at, ahead)

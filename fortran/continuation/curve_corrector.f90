@@ -18,7 +18,8 @@ module viscovib_curve_corrector
   implicit none
   private
 
-  public :: corrector_type, new_corrector, aim, correct, null_vector, compare, displace
+  public :: corrector_type, new_corrector, aim, aim_straight, correct, null_vector, compare, &
+            displace
 
   integer, parameter :: max_iterations = 12, longest = 8
   !> With the factors kept, corrections must shrink by this each time.

@@ -4,14 +4,15 @@ module viscovib_curve_events
   use viscovib_constants, only: pi
   use viscovib_curve, only: curve_type
   use viscovib_curve_corrector, only: correct, corrector_type, null_vector
-  use viscovib_curve_point, only: copy_point, curve_point, metric, new_point
+  use viscovib_curve_point, only: copy_point, curve_point, distance, metric, new_point
   use viscovib_curve_rounding, only: fold_error, fold_place
   use viscovib_kinds, only: wp
   use viscovib_sized_curve, only: refitted
   implicit none
   private
 
-  public :: special_points, empty, locate_fold, locate_branch_point, locate_value
+  public :: special_points, empty, locate_fold, locate_branch_point, locate_value, turn_at, &
+            drop_last_near
 
   !> Where nothing was found.
   real(wp), parameter, public :: nowhere = huge(1.0_wp)
@@ -34,6 +35,8 @@ module viscovib_curve_events
   !> Nearer to the zero than this part of the nodes' reach, equations are so nearly
   !! singular that their solution may lie on the other branch.
   real(wp), parameter :: too_near = 0.1_wp
+  !> How far from a branch point the branch is looked at there, as a part of a step.
+  real(wp), parameter :: next_to = 0.3_wp
 
   !> Points of one kind, in the order met, all unknowns there may be.
   type :: special_points
@@ -100,6 +103,74 @@ contains
       call keep(folds, found, nothing, error, error_x)
     end associate
   end subroutine locate_fold
+
+  !> The fold at a branch point at which the branch turns back, as where a branch of broken symmetry
+  !! meets the symmetric one. The equations are too nearly singular there for `locate_fold`. Of a
+  !! fold located within a step of it nothing is kept; errors are those next to it.
+  subroutine turn_at(curve, c, here, step, at, p, x, folds, turns, slope_before)
+    class(curve_type), intent(inout) :: curve
+    type(corrector_type), intent(inout) :: c
+    type(curve_point), intent(in) :: here
+    !> The length of a step, and that to the branch point.
+    real(wp), intent(in) :: step, at
+    !> The branch point, shape (n).
+    real(wp), intent(in) :: p, x(:)
+    !> Added to if the branch turns back.
+    type(special_points), intent(inout) :: folds
+    logical, intent(out) :: turns
+    !> dp/ds before the branch point, if it is known.
+    real(wp), intent(in), optional :: slope_before
+    type(fold_place) :: near
+    real(wp) :: nothing(curve%n + 1), apart, slope, error, error_x
+    logical :: dropped
+
+    apart = next_to*step
+    call new_point(near%point, curve%n)
+    turns = .true.
+    if (present(slope_before)) then
+      slope = slope_before
+    else
+      call correct(curve, c, here, at - apart, near%point, turns, .true.)
+      slope = near%point%slope_p
+    end if
+    near%at = at + apart
+    if (turns) call correct(curve, c, here, near%at, near%point, turns, .true.)
+    if (turns) turns = near%point%slope_p*slope < 0.0_wp
+    if (.not. turns) return
+    near%bend = near%point%slope_p/apart
+    call fold_error(curve, c, here, near, apart, error, error_x)
+    near%point%p = p
+    near%point%x(:) = x
+    call drop_last_near(curve, c, near%point, step, folds, dropped)
+    nothing = 0.0_wp
+    call keep(folds, near%point, nothing, error, error_x)
+  end subroutine turn_at
+
+  !> Drop the last of these places if it is within a distance of a point.
+  subroutine drop_last_near(curve, c, point, apart, places, dropped)
+    class(curve_type), intent(in) :: curve
+    type(corrector_type), intent(in) :: c
+    type(curve_point), intent(in) :: point
+    real(wp), intent(in) :: apart
+    type(special_points), intent(inout) :: places
+    logical, intent(out) :: dropped
+    type(curve_point) :: last
+
+    dropped = places%n > 0
+    if (.not. dropped) return
+    call new_point(last, curve%n)
+    last%p = places%p(places%n)
+    last%x(:) = refitted(places%blocks, places%x(:, places%n), curve%n)
+    dropped = distance(c, point, last) <= apart
+    if (.not. dropped) return
+    places%n = places%n - 1
+    places%p = places%p(:places%n)
+    places%error = places%error(:places%n)
+    places%error_x = places%error_x(:places%n)
+    places%x = places%x(:, :places%n)
+    places%across = places%across(:, :places%n)
+    places%before = places%before(:places%n)
+  end subroutine drop_last_near
 
   !> Where the determinant vanishes, and the null vector there.
   subroutine locate_branch_point(curve, c, here, step, branch_points, at)

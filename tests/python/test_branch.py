@@ -894,8 +894,8 @@ def test_branches_of_broken_symmetry_do_not_jump_to_the_symmetric_one(nu, dampin
 
 @pytest.mark.filterwarnings("ignore::viscovib.ConvergenceWarning")
 @pytest.mark.parametrize(("nu", "damping", "cubic"), BREAKING)
-def test_a_closed_branch_lists_no_fold_where_it_begins(nu, damping, cubic):
-    """It lists its other end as fold and branch point, whatever the steps and the direction."""
+def test_a_closed_branch_has_a_fold_at_both_ends(nu, damping, cubic):
+    """It turns back where it begins too, whatever the steps, the direction and the start."""
     system = vv.PolynomialSystem(mass=1, stiffness=1, damping=damping, forces=f"{cubic}*x^3")
     along = {
         "nu": nu, "load": 1, "load_range": (0.05, 20), "symmetric": False, "harmonics": 9,
@@ -907,6 +907,10 @@ def test_a_closed_branch_lists_no_fold_where_it_begins(nu, damping, cubic):
         for step, opposite in product(steps, (False, True)):
             left = vv.trace_response(system, **along, **step, leave=start, opposite=opposite)
             assert left.outcome == "closed"
-            assert left.folds == pytest.approx([end.parameter], rel=1e-3), step
+            ends = [end.parameter, start.parameter]
+            assert left.folds == pytest.approx(ends, rel=1e-9), step
+            sure = np.array([end.error, start.error])
+            known = np.isfinite(sure)
+            assert left.fold_errors[known] == pytest.approx(sure[known], rel=0.1), step
             places = [point.parameter for point in left.branch_points]
             assert places == pytest.approx([end.parameter], rel=1e-9), step

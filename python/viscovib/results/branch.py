@@ -66,8 +66,8 @@ class Branch(PeriodicMotions, Curve):
         perturbation may exist, because the search failed or because the kernel itself relaxes more
         slowly. The kernel of Rabotnov relaxes as a power of time, more slowly than any exponential.
     folds : ndarray, shape (n_folds,)
-        Parameter values at which the branch turns back. The start of a closed branch at a branch
-        point of a second branch is not listed.
+        Parameter values at which the branch turns back. A closed branch lists its start, if it
+        turns back there, as the last fold.
     fold_errors : ndarray, shape (n_folds,)
         Estimated error of each fold by neglected harmonics and rounding, in the unit of the
         parameter.
@@ -102,9 +102,10 @@ class Branch(PeriodicMotions, Curve):
         Highest harmonic of each point.
     truncation : ndarray, shape (n,)
         Estimated relative error of each motion at its parameter value by neglected harmonics, in
-        the norm of ``tolerance``. Near a fold it exceeds ``tolerance``, up to 1 (the motion may not exist at this value), although
-        the point is within ``tolerance`` of the converged branch. ``fold_errors`` estimates the
-        shift of the folds. Warnings and `complete` refer to the distance from the branch.
+        the norm of ``tolerance``. Near a fold it exceeds ``tolerance``, up to 1 (the motion may not
+        exist at this value), although the point is within ``tolerance`` of the converged branch.
+        ``fold_errors`` estimates the shift of the folds. Warnings and `complete` refer to the
+        distance from the branch.
     plan : Plan
         What was computed, and what was skipped and why.
 
