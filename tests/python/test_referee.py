@@ -1,5 +1,7 @@
 """The referee itself: what it finds, what it survives, and that no public name is left out."""
 
+import queue
+import threading
 import types
 
 import numpy as np
@@ -9,7 +11,7 @@ from referee import coverage
 from referee.balance import growing
 from referee.case import Case, Claim
 from referee.responses import difference
-from referee.session import Verdict, _watch
+from referee.session import Verdict, _awaited, _watch
 from referee.worker import answer
 
 
@@ -112,6 +114,30 @@ def test_errors_of_motions_do_not_depend_on_the_unit_of_length(unit):
     assert difference(other, scaled[0], orders, scaled[1]) == pytest.approx(
         difference(one, off, orders, true), rel=1e-9
     )
+
+
+@pytest.mark.parametrize(("work", "answers"), [("sum(range(10**8))", False), ("0", True)])
+def test_a_case_hangs_by_the_time_of_its_processor(work, answers, monkeypatch):
+    """A process that has no processor for a while, on a busy machine, does not hang."""
+    import subprocess
+    import sys
+
+    monkeypatch.setattr("referee.session.PATIENCE", 0.3)
+    monkeypatch.setattr("referee.session.LOOK", 0.1)
+    program = f"import time\ntime.sleep(1)\n{work}\nprint('{{}}')\n"
+    lines = queue.Queue()
+    with subprocess.Popen([sys.executable, "-c", program], stdout=subprocess.PIPE) as process:
+        listener = threading.Thread(target=lambda: lines.put(process.stdout.readline()))
+        listener.start()
+        try:
+            if answers:
+                assert _awaited(lines, process.pid) == b"{}\n"
+            else:
+                with pytest.raises(queue.Empty):
+                    _awaited(lines, process.pid)
+        finally:
+            process.kill()
+            listener.join()
 
 
 @pytest.mark.parametrize("family", ["kernels", "linear", "spectra", "tables"])

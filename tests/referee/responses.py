@@ -7,7 +7,7 @@ from referee.case import Case, Claim, even, few
 from referee.models import chain, mount, rzhanitsyn, some_memory
 
 JUDGES = (
-    "forced_response", "Response.corrections", "Monomial", "PeriodicMotions",
+    "forced_response", "Response.corrections", "Response.methods", "Monomial", "PeriodicMotions",
     "PeriodicMotions.velocity", "PeriodicMotions.acceleration", "PeriodicMotions.rms",
     "PeriodicMotions.peak_to_peak",
 )  # fmt: skip
@@ -96,7 +96,7 @@ def case(rng, index):
 r = vv.forced_response(
     system, [{nu}], load={{{text}}}, method={method!r}, harmonics={orders!r}, tolerance={tolerance}{relaxed}
 )
-coefficients, orders, outcome = r.coefficients[0], r.harmonics, r.outcome[0]
+coefficients, orders, outcome, used = r.coefficients[0], r.harmonics, r.outcome[0], r.methods[0]
 truncation, corrections = r.truncation[0], r.corrections[0]
 k, dof = int(orders[orders > 0][0]), r.dof_names[-1]
 velocity, acceleration = r.velocity(dof, k)[0], r.acceleration(dof, k)[0]
@@ -115,6 +115,7 @@ coarse = vv.forced_response(
                 yield Claim("found with a coarser tolerance", names["coarse"] == "converged", False)
             return
         kept = names["orders"]
+        yield Claim("method", names["used"], method)
         yield from _of_the_waveform(names, nu)
         same = refined(model, names["coefficients"], kept, nu, load, highest=int(kept.max()))
         true = refined(model, names["coefficients"], kept, nu, load)

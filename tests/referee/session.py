@@ -2,15 +2,21 @@
 
 import json
 import math
+import os
 import queue
 import subprocess
 import sys
 import threading
 import time
 from dataclasses import dataclass, field
+from pathlib import Path
 
-#: Seconds that one case may take.
+#: Seconds of its processor that one case may take, and of the clock: on a busy machine a case that
+#: computes is not one that hangs.
 PATIENCE = 120.0
+LONGEST = 10 * PATIENCE
+#: Seconds between two looks at a process that gives no answer.
+LOOK = 1.0
 #: A family that crashes more often than this is given up.
 MOST_CRASHES = 20
 #: Part of the claims of a name in which an injected error must be found.
@@ -130,7 +136,7 @@ def _watch(
     try:
         while True:
             try:
-                text = lines.get(timeout=PATIENCE)
+                text = _awaited(lines, process.pid)
             except queue.Empty:
                 hung = True
                 break
@@ -151,12 +157,33 @@ def _watch(
         stdout.close()
         stderr.close()
     if hung:
-        return index, call, f"no answer within {PATIENCE:g} s"
+        return index, call, f"no answer within {PATIENCE:g} s of its processor"
     if status == 0:
         return index, "", ""
     if status > 0:
         raise RuntimeError(f"{family}: the referee itself failed\n{''.join(heard)}")
     return index, call, f"the process ended by signal {-status}"
+
+
+def _awaited(lines: "queue.Queue[str | None]", pid: int) -> str | None:
+    """Return the next line of a process; queue.Empty if it takes too long."""
+    begun, used = time.monotonic(), _used(pid)
+    while True:
+        try:
+            return lines.get(timeout=LOOK)
+        except queue.Empty:
+            late = time.monotonic() - begun > LONGEST
+            if late or _used(pid) - used > PATIENCE:
+                raise
+
+
+def _used(pid: int) -> float:
+    """Seconds of the processor that a process and its ended children have used."""
+    try:
+        fields = Path(f"/proc/{pid}/stat").read_text(encoding="utf-8").rpartition(")")[2].split()
+    except OSError:
+        return 0.0
+    return sum(map(int, fields[11:15])) / os.sysconf("SC_CLK_TCK")
 
 
 def _listen(stream, lines: "queue.Queue[str | None]") -> None:
