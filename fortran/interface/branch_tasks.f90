@@ -186,6 +186,7 @@ contains
     call task%check_extents('series', [size(load%force, 1)], [system%n_dof()])
     wanted = given_options(task)
     wanted%keep_idle = .true.
+    wanted%on_branch = .true.
     judged = wanted%stability
     wanted%stability = .false.
     if (.not. task%failed()) then

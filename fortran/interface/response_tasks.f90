@@ -131,6 +131,7 @@ contains
     options%keep_history = task%get_flag('history', .false.)
     options%stability = task%get_flag('stability', .false.)
     options%keep_idle = task%get_flag('keep_idle', .false.)
+    options%on_branch = task%get_flag('on_branch', .false.)
     options%symmetric = task%get_flag('symmetric', .true.)
   end function given_options
 

@@ -64,8 +64,11 @@ contains
     type(subject_type), intent(in), target :: subject
     type(response_plan_type), intent(out) :: plan
     type(status_type), intent(out) :: status
+    type(response_options) :: options
+    options = self%options
+    options%on_branch = .true.
     call new_response_plan(plan, subject%oscillator(), subject%load, [self%nu], method_newton, &
-                           self%options, status)
+                           options, status)
   end subroutine response_plan
 
   subroutine plan_branch(self, subject, text, status)
@@ -212,11 +215,6 @@ contains
     character(len=:), allocatable :: word
     integer :: outcome, shape_x(2)
 
-    if (plan%method /= method_newton) then
-      call fail(status, status_input_error, 'branch', 'nothing is nonlinear: the response is a ' &
-                //'single curve, which &response computes')
-      return
-    end if
     select type (system)
     type is (mount_type)
       if (job%number > 0) call new_mount_builder(builder, system, job%number)

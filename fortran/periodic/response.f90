@@ -30,6 +30,8 @@ module viscovib_response
     logical :: keep_history = .false.
     !> Judge the stability of each motion (Newton's method only).
     logical :: stability = .false.
+    !> Solve a linear system by the method of nonlinear ones, as a branch does.
+    logical :: on_branch = .false.
     !> Take along coordinates that nothing moves, as what looks at disturbances must.
     logical :: keep_idle = .false.
   end type response_options

@@ -108,7 +108,8 @@ contains
                 //"elements with hysteresis, take 'newton'")
       return
     end if
-    plan%method = merge(method_linear, method, system%is_linear())
+    plan%method = merge(method_linear, method, system%is_linear() .and. &
+                        .not. (plan%options%on_branch .or. plan%options%stability))
     if (plan%method == method_auto .and. (has_states(system) .or. system%moving .or. &
                                           plan%options%stability)) plan%method = method_newton
     if (plan%method == method_linear) then
@@ -128,10 +129,7 @@ contains
                             .and. system%odd .and. load%is_odd(), system%degree)
     end if
     if (plan%options%stability .and. plan%method /= method_newton) then
-      call fail(status, status_input_error, 'stability', 'stability: ' &
-                //trim(merge('nothing is nonlinear, see the characteristic roots', &
-                             'needs method = newton or auto                     ', &
-                             system%is_linear())))
+      call fail(status, status_input_error, 'stability', 'stability: needs method = newton or auto')
       return
     end if
     call check_mean(plan, system, status)

@@ -234,7 +234,7 @@ contains
     character(len=*), intent(in) :: key
     character(len=*), intent(in), optional :: default, allowed(:)
     integer, intent(out), optional :: choice
-    character(len=:), allocatable :: text
+    character(len=:), allocatable :: text, meant
     integer :: i
 
     text = ''
@@ -249,8 +249,14 @@ contains
       do i = size(allowed), 1, -1
         if (allowed(i) == text) exit
       end do
-      if (i == 0) call self%complain(key, key//" = '"//clipped(text)//"': must be one of " &
-                                     //listed(allowed, "'"))
+      if (i == 0) then
+        meant = ''
+        i = closest(text, allowed)
+        if (i > 0) meant = "; did you mean '"//trim(allowed(i))//"'?"
+        call self%complain(key, key//" = '"//clipped(text)//"': must be one of " &
+                           //listed(allowed, "'")//meant)
+        i = 0
+      end if
       if (present(choice)) choice = max(i, 1)
     end if
     self%echo = self%echo//'  '//key//" = '"//doubled(self%group%written(key, text))//"'" &

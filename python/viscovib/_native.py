@@ -16,7 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from viscovib import _viscovib  # type: ignore[attr-defined]
-from viscovib.errors import FileError, InputError
+from viscovib.errors import FileError, InputError, nearest
 
 #: The compiled core, typed by nothing but this module.
 core: Any = _viscovib
@@ -79,7 +79,9 @@ def choice(name: str, value: object, allowed: tuple[str, ...]) -> str:
     """Return ``value`` if it is one of the allowed words."""
     if not isinstance(value, str) or value not in allowed:
         words = ", ".join(repr(word) for word in allowed)
-        raise InputError(f"{name} = {shown(value)}: must be one of {words}")
+        near = nearest(value, allowed) if isinstance(value, str) else None
+        meant = f"; did you mean {near!r}?" if near else ""
+        raise InputError(f"{name} = {shown(value)}: must be one of {words}{meant}")
     return value
 
 

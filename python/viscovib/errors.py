@@ -56,11 +56,39 @@ class RangeWarning(UserWarning):
 
 def near_name(wrong: str, known: Iterable[str]) -> str:
     """Say which of the names known may have been meant, or which there are."""
+    known = list(known)
+    near = nearest(wrong, known)
+    return f"did you mean {near}?" if near else f"must be one of {', '.join(known)}"
+
+
+#: Words of textbooks and of other programs for the words of options.
+_SYNONYMS = {
+    "harmonic balance": "newton",
+    "harmonicbalance": "newton",
+    "hb": "newton",
+    "hbm": "newton",
+    "newton-raphson": "newton",
+    "picard": "successive",
+    "fixed point": "successive",
+    "fixed-point": "successive",
+    "hanning": "hann",
+    "rectangular": "none",
+    "boxcar": "none",
+    "decibel": "db",
+}
+
+
+def nearest(wrong: str, known: Iterable[str]) -> str | None:
+    """Return the word that was probably meant, in any case of its letters; None if none is near."""
     from difflib import get_close_matches
 
     known = list(known)
-    near = get_close_matches(wrong, known, n=1)
-    return f"did you mean {near[0]}?" if near else f"must be one of {', '.join(known)}"
+    word = wrong.strip().lower()
+    if _SYNONYMS.get(word) in known:
+        return _SYNONYMS[word]
+    lower = {one.lower(): one for one in known}
+    near = get_close_matches(word, lower, n=1)
+    return lower[near[0]] if near else None
 
 
 def no_attribute(name: str, known: Iterable[str]) -> AttributeError:
@@ -122,11 +150,21 @@ def _misspelt(function: Callable[..., Any], options: Iterable[str]) -> str:
     return near_name(wrong[0], known) if wrong else ""
 
 
+#: Modules of Python between a call and the package: cached properties, wrappers, contexts.
+_BETWEEN = frozenset({"viscovib", "functools", "contextlib"})
+
+
 def caller() -> int:
-    """Return the ``stacklevel`` at which a warning names the line that called the package."""
+    """Return the ``stacklevel`` at which a warning names the line that called the package.
+
+    Python 3.12 has ``skip_file_prefixes`` for this; older versions are supported too.
+    """
     import sys
 
     level, frame = 1, sys._getframe(1)
-    while frame.f_back is not None and frame.f_globals.get("__name__", "").startswith("viscovib"):
+    while (
+        frame.f_back is not None
+        and str(frame.f_globals.get("__name__")).partition(".")[0] in _BETWEEN
+    ):
         level, frame = level + 1, frame.f_back
     return level

@@ -340,7 +340,6 @@ def test_table_dataset_and_picture(tmp_path):
         ({"tolerance": 1e-20}, "tolerance = "),
         ({"harmonics": 0}, "harmonics = 0: must be 1"),
         ({"system": 1}, "system = 1: must be a Mount"),
-        ({"system": damped(cubic_scale=0.0)}, "nothing is nonlinear"),
     ],
 )
 def test_bad_input_is_named(changes, text):
@@ -435,11 +434,38 @@ def test_stability_moves_with_the_base():
         assert moved.multipliers[i] == pytest.approx(pushed.multipliers[0], abs=1e-9)
 
 
-def test_stability_needs_something_to_judge():
-    with pytest.raises(vv.InputError, match="stability: needs method = newton"):
-        vv.forced_response(damped(), 1.0, load=0.1, stability=True)
-    with pytest.raises(vv.InputError, match="stability: nothing is nonlinear"):
-        vv.forced_response(damped(cubic_scale=0.0), 1.0, load=0.1, method="newton", stability=True)
+def test_stability_needs_newton():
+    for method in ("successive", "linear"):
+        with pytest.raises(vv.InputError, match="stability: needs method = newton"):
+            vv.forced_response(damped(), 1.0, load=0.1, method=method, stability=True)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_linear_system_has_a_branch(seed):
+    """Motions from the dynamic stiffness, multipliers from the roots of the matrix of states."""
+    rng = np.random.default_rng([48, seed])
+    n = seed % 3 + 1
+    c, k = (
+        0.05 * np.eye(n),
+        np.diag(rng.uniform(1, 4, n)) - 0.3 * (np.eye(n, k=1) + np.eye(n, k=-1)),
+    )
+    kind = vv.Structure if seed % 2 else vv.PolynomialSystem
+    system = kind(mass=np.eye(n), stiffness=k, damping=c)
+    loads = {order: rng.normal(size=n) for order in (1, 3)}
+    branch = vv.trace_response(system, (0.3, 3), load=loads)
+    assert branch.outcome == "completed"
+    assert len(branch.folds) == 0
+    assert branch.stable.all()
+    for order, load in loads.items():
+        j = list(branch.harmonics).index(order)
+        mu = order * branch.nu[:, np.newaxis, np.newaxis]
+        exact = np.linalg.solve(k + 1j * mu * c - mu**2 * np.eye(n), load[:, np.newaxis])[..., 0]
+        assert branch.coefficients[:, :, j] == pytest.approx(exact, rel=1e-9, abs=1e-12)
+    roots = np.linalg.eigvals(np.block([[np.zeros((n, n)), np.eye(n)], [-k, -c]]))
+    largest = np.exp(roots.real.max() * 2 * np.pi / branch.nu)
+    assert np.abs(branch.multipliers[:, 0]) == pytest.approx(largest, rel=1e-8)
+    one = vv.forced_response(system, 1.0, load=loads, stability=True)
+    assert one.stable.all()
 
 
 def _duffing():

@@ -35,6 +35,32 @@ def test_of_calls(call, text):
     assert text in str(told.value)
 
 
+@pytest.mark.parametrize(
+    ("call", "text"),
+    [
+        (
+            lambda word: vv.forced_response(system(), [1.0], load=1, method=word),
+            ("newtn", "newton"),
+        ),
+        (
+            lambda word: vv.forced_response(system(), [1.0], load=1, method=word),
+            ("Newton", "newton"),
+        ),
+        (
+            lambda word: vv.forced_response(system(), [1.0], load=1, method=word),
+            ("harmonic balance", "newton"),
+        ),
+        (lambda word: vv.simulate(system(), 1, initial=[1, 0], keep=word), ("al", "all")),
+        (lambda word: vv.spectrum([1.0, 2.0], 0.1, window=word), ("hanning", "hann")),
+        (lambda word: vv.simulate(system(), 1, initial=[1, 0]).coordinate(word), ("X", "x")),
+    ],
+)
+def test_of_words(call, text):
+    wrong, meant = text
+    with pytest.raises(vv.InputError, match=rf"= '{wrong}': must be one of .*mean '{meant}'\?$"):
+        call(wrong)
+
+
 def test_of_arguments_without_a_name():
     with pytest.raises(TypeError, match=r"give amplitude=, alpha=, beta= by name$"):
         vv.RzhanitsynKernel(0.1, 0.2, 0.3)

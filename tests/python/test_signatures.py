@@ -112,7 +112,13 @@ WARNING = [
     lambda: vv.forced_response(STRETCHED, f0=[0.01, 40.0], harmonics=9),
     lambda: vv.trace_response(documented_calls.SWUNG, m01=(0.05, 0.06), harmonics=2),
     lambda: vv.backbone(documented_calls.SWUNG, 0, (0.4, 0.5), harmonics=2),
+    lambda: vv.fit_shift_law([0.0, 20.0, 40.0], [0.0, -4.0, -4.5], reference=0, law="arrhenius"),
+    lambda: vv.dominant_frequencies(_kept_too_rarely(), count=1),
 ]
+
+
+def _kept_too_rarely():
+    return vv.simulate(vv.PolynomialSystem(mass=1, stiffness=1), 200, initial=[1, 0], dt=5.0)
 
 
 @pytest.mark.parametrize("call", WARNING)
@@ -122,3 +128,23 @@ def test_warnings_name_the_line_that_calls(call):
         call()
     assert told
     assert {one.filename for one in told} == {__file__}
+
+
+@pytest.mark.parametrize("module", ["viscovib_study", "study"])
+def test_warnings_name_the_line_of_a_module_with_a_like_name(module):
+    """Also through a property that is computed once."""
+    code = (
+        "import functools, viscovib as vv\n"
+        "class Study:\n"
+        "    @functools.cached_property\n"
+        "    def response(self):\n"
+        "        return vv.forced_response(SYSTEM, 1.0, load=1, method='newton', harmonics=1)\n"
+        "Study().response\n"
+    )
+    with warnings.catch_warnings(record=True) as told:
+        warnings.simplefilter("always")
+        exec(
+            compile(code, "/of the user.py", "exec"),
+            {"__name__": module, "SYSTEM": documented_calls.DUFFING},
+        )
+    assert {(one.filename, one.lineno) for one in told} == {("/of the user.py", 5)}

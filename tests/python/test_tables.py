@@ -17,6 +17,8 @@ POINTS = sorted(path.name for path in SCENES.glob("*.nml"))
 SWEPT = ("mount_map.nml",)
 #: Beside the samples: what they do not ask for.
 MORE = {
+    "linear_branch": "&system coordinates='x' mass=1 stiffness=1 damping=0.1 /\n"
+    "&load amplitude=0.3 /\n&branch nu_from=0.5 nu_to=2 /\n",
     "judged": """&scene title='a response, its stability and its mean' /
 &system coordinates='x' 'y' mass=1 1 stiffness=2 -1 -1 2 damping=0.1 0 0 0.1 /
 &force on='x' law='0.5*x^3 + 0.2*x^2' /

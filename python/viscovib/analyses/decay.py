@@ -117,7 +117,7 @@ def free_decay(trajectory: Trajectory, *, count: int = 2, start: float = 0.0) ->
         raise InputError("trajectory: is at rest, nothing decays")
     for i in np.flatnonzero(moving):
         v = trajectory.state[keep][:, 2 * i + 1]
-        tell_aliases(trajectory.dof_names[i], q[:, i], v, float(steps.mean()), 4)
+        tell_aliases(trajectory.dof_names[i], q[:, i], v, float(steps.mean()))
     poles = _poles(q[:, moving] / sizes[moving], 4 * wanted)
     basis = np.exp(np.outer(np.arange(t.size), np.log(poles)))
     shares, *_ = np.linalg.lstsq(basis, q.astype(complex), rcond=None)

@@ -194,12 +194,8 @@ def trace_mount(
     )  # fmt: skip
     planned = job.run(
         "response plan", nu=nu_fixed, **{**prepared, "stability": False}, keep_idle=True,
-        symmetric=keeps,
+        on_branch=True, symmetric=keeps,
     )  # fmt: skip
-    if planned["method"] != "newton":
-        raise InputError(
-            "system: nothing is nonlinear: its response is a single curve, see forced_response"
-        )
     if loaded is None and coordinates is not None:
         raise InputError("coordinates: can be chosen for a structure only, must be None")
     orders = planned["kept"]

@@ -10,7 +10,7 @@ import numpy.typing as npt
 from viscovib import _native
 from viscovib._native import ComplexArray, FloatArray
 from viscovib.common.parameters import Names
-from viscovib.errors import ConvergenceWarning, InputError
+from viscovib.errors import ConvergenceWarning, InputError, caller
 from viscovib.results.trajectory import Trajectory
 
 _WANTED = Names("coordinates")
@@ -93,15 +93,14 @@ def _of_trajectory(
         )
     if not math.isfinite(float(np.abs(columns).max())) or float(np.abs(columns).max()) > 1e150:
         raise InputError("signal: values beyond 1e150 leave the range of numbers")
-    # The user's line: this, `read_signal`, the public function and the frame around it.
     aliased = []
     for name in dict.fromkeys(one.removesuffix("_dot") for one in names):
-        if tell_aliases(name, run.coordinate(name), run.coordinate(f"{name}_dot"), step, 6):
+        if tell_aliases(name, run.coordinate(name), run.coordinate(f"{name}_dot"), step):
             aliased.append(name)
     return Signal(columns, step, float(run.t[0]), names, tuple(aliased))
 
 
-def tell_aliases(name: str, u: FloatArray, v: FloatArray, step: float, stacklevel: int) -> bool:
+def tell_aliases(name: str, u: FloatArray, v: FloatArray, step: float) -> bool:
     """Warn of a coordinate that swings faster than its states tell, by its velocities."""
     share, is_large = aliased_part(u, v, step)
     if is_large:
@@ -110,7 +109,7 @@ def tell_aliases(name: str, u: FloatArray, v: FloatArray, step: float, stackleve
             f"{100 * min(share, 1.0):.0f} % of it is faster than {math.pi / step:.4g} rad/s, "
             "which appears at other frequencies here: keep states closer",
             ConvergenceWarning,
-            stacklevel=stacklevel,
+            stacklevel=caller(),
         )
     return is_large
 

@@ -19,7 +19,7 @@ from viscovib import _native
 from viscovib._native import ComplexArray, FloatArray
 from viscovib.common.parameters import Flag, Whole
 from viscovib.common.values import Value
-from viscovib.errors import ConvergenceWarning, InputError
+from viscovib.errors import ConvergenceWarning, InputError, caller
 from viscovib.kernels.relaxation import Kernel
 from viscovib.rubber.data import ModulusData
 from viscovib.rubber.kernel_fit import fit_kernel
@@ -314,7 +314,7 @@ def _amplitude_result(
             f"the amplitudes do not constrain {', '.join(loose)}: an element must slip between the "
             "smallest and the largest, and an amplitude lie between the slips of two",
             ConvergenceWarning,
-            stacklevel=3,
+            stacklevel=caller(),
         )
     half = left.size // 2
     return AmplitudeFit(

@@ -385,7 +385,7 @@ def _result(
         warnings.warn(
             f"the data do not constrain {', '.join(fit.unconstrained)} (95 %: {told})",
             ConvergenceWarning,
-            stacklevel=3,
+            stacklevel=caller(),
         )
     if model.modulus is None and fit.modulus > _BEYOND * measured.largest:
         ramp = isinstance(measured.data, RelaxationData) and not measured.data.ramp
@@ -394,6 +394,6 @@ def _result(
             f"{measured.largest:.4g}: it is what the kernel continues to"
             + ("; a ramp taken as a step gives such a modulus, see ramp=" if ramp else ""),
             ConvergenceWarning,
-            stacklevel=3,
+            stacklevel=caller(),
         )
     return fit

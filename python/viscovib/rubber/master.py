@@ -18,7 +18,7 @@ import numpy.typing as npt
 from viscovib import _native
 from viscovib._native import FloatArray
 from viscovib.common.results import Result
-from viscovib.errors import ConvergenceWarning, InputError
+from viscovib.errors import ConvergenceWarning, InputError, caller
 from viscovib.kernels.time_temperature import KELVIN, ShiftLaw
 from viscovib.rubber.data import ModulusData, RelaxationData
 from viscovib.rubber.shift_fit import ShiftFit, ShiftTable, bounded, fit_shift_law
@@ -246,7 +246,7 @@ def master_curve(
             f"share {max(overlap[i], 0):.2g} decades of reduced frequency: their shift is known "
             "only as far as the curve is smooth",
             ConvergenceWarning,
-            stacklevel=2,
+            stacklevel=caller(),
         )
     merged = _merged(sets, own, b)
     return MasterCurve(
@@ -425,7 +425,7 @@ def _compare(curves: Curves, given: FloatArray, own: FloatArray) -> None:
             f"the given factors leave a scatter of {theirs:.2g} decades, those of the sets "
             f"themselves {ours:.2g}: they may belong to another material",
             ConvergenceWarning,
-            stacklevel=3,
+            stacklevel=caller(),
         )
 
 

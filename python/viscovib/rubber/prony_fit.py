@@ -11,7 +11,7 @@ import numpy as np
 
 from viscovib._native import FloatArray
 from viscovib.common.parameters import Number, Whole
-from viscovib.errors import ConvergenceWarning, InputError
+from viscovib.errors import ConvergenceWarning, InputError, caller
 from viscovib.kernels.relaxation import Kernel, PronyKernel
 from viscovib.kernels.time_temperature import ShiftLaw
 from viscovib.rubber.data import CreepData, ModulusData, RelaxationData
@@ -233,14 +233,14 @@ def fit_prony(
             "storage_weight = 0: loss alone does not constrain the relaxed modulus, nor with it "
             "the instantaneous one",
             ConvergenceWarning,
-            stacklevel=3,
+            stacklevel=caller(),
         )
     if fit._free < 1:
         warnings.warn(
             f"data: {measured.count} numbers for {np.count_nonzero(found)} parts of the fit "
             "leave none to estimate its uncertainty: no parameter is constrained",
             ConvergenceWarning,
-            stacklevel=3,
+            stacklevel=caller(),
         )
     return fit
 

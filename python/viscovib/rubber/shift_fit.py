@@ -11,7 +11,7 @@ import numpy.typing as npt
 from viscovib import _native
 from viscovib._native import FloatArray
 from viscovib.common.values import Value
-from viscovib.errors import ConvergenceWarning, InputError
+from viscovib.errors import ConvergenceWarning, InputError, caller
 from viscovib.kernels.time_temperature import GAS_CONSTANT, KELVIN, WLF, Arrhenius, ShiftLaw
 
 #: A warning is printed for a larger residual of the law (decades).
@@ -177,7 +177,7 @@ def fit_shift_law(
             f"{t[np.abs(residuals).argmax()]:g} deg C by {np.abs(residuals).max():.2g}: it does "
             "not describe them",
             ConvergenceWarning,
-            stacklevel=2,
+            stacklevel=caller(),
         )
     return ShiftFit(
         law=found,

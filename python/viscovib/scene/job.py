@@ -266,8 +266,7 @@ def _spectrum(scene: Scene, run: Trajectory) -> Spectrum | None:
     aliased = []
     for d in wanted:
         name, moved, rate = run.dof_names[d], run.state[kept, 2 * d], run.state[kept, 2 * d + 1]
-        # The warning is given one frame further down.
-        if tell_aliases(name, moved, rate, step, caller() + 1):
+        if tell_aliases(name, moved, rate, step):
             aliased.append(name)
     return replace(found, plan=run.plan, aliased=tuple(aliased))
 
