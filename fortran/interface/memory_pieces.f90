@@ -4,10 +4,10 @@ module viscovib_memory_pieces
   use viscovib_binding_tools, only: make_base
   use viscovib_hereditary, only: begun, hereditary_type, new_hereditary, step_too_large
   use viscovib_hereditary_run, only: run_hereditary
-  use viscovib_kinds, only: i8, wp
+  use viscovib_kinds, only: wp
   use viscovib_law_layers, only: unseen_by_node
   use viscovib_load, only: load_type
-  use viscovib_mesh, only: mesh_type, new_mesh
+  use viscovib_mesh, only: mesh_type
   use viscovib_modal_maps, only: sections_type
   use viscovib_motion_piece, only: from_start, memory_under_other_loads, moves_of, &
     piece_type, polynomial_of, take_up_memory, under_other_loads
@@ -17,7 +17,7 @@ module viscovib_memory_pieces
   use viscovib_structure_march, only: new_structure_march, structure_march_type
   use viscovib_task, only: task_type
   use viscovib_time_load, only: time_load_type
-  use viscovib_watch, only: new_watch, watch_type
+  use viscovib_trajectory, only: shaken
   implicit none
   private
 
@@ -39,29 +39,28 @@ contains
   !! `reason` (not 0: no run, see `viscovib_hereditary`), `resolution`: largest last Legendre
   !! coefficient of a displacement on a step, relative to its largest value; `too_long`: how many
   !! times as long steps are as those whose nodes see every thin layer of a law.
-  subroutine run_with_memory(task)
+  subroutine run_with_memory(task, piece)
     type(task_type), intent(inout) :: task
-    type(piece_type) :: piece
+    type(piece_type), intent(inout) :: piece
     class(oscillator_type), pointer :: system
     type(polynomial_type), target :: reduced
+    class(oscillator_type), allocatable, target :: other
     type(hereditary_type) :: run
     type(time_load_type) :: load
     type(base_motion_type) :: base
     type(mesh_type) :: mesh
-    type(watch_type), allocatable :: watch
     real(wp), pointer, contiguous :: initial(:), held(:), before(:), moved(:, :)
     real(wp), allocatable :: states(:, :), at_times(:, :), u(:), v(:), shortest
     integer, allocatable :: dofs(:), rows(:)
     logical, allocatable :: moves(:), kinks
-    real(wp) :: too_long, resolution
-    integer :: i, n, nodes, part, reason
+    real(wp) :: too_long
+    integer :: i, n, nodes, part
     logical :: made
 
     system => task%system()
     if (task%failed()) return
     n = system%n_dof()
-    call piece%read(task, 2*n, 3*n + 4)
-    initial => task%get_reals('initial')
+    initial => piece%initial
     held => task%get_reals('held')
     before => task%get_reals('before')
     moved => task%get_matrix('moved')
@@ -73,24 +72,30 @@ contains
     if (task%failed()) return
     dofs = pack([(i, i=1, n)], moves)
     rows = pack([(i, i=1, 2*n)], state_mask(moves))
+    if (piece%sign /= 0) then
+      ! With the start forces have other arguments, u/(1 + s), and other values, by 1 + 2 s.
+      allocate (other, source=system)
+      call other%weigh(1.0_wp - 2.0_wp*shaken)
+      system => other
+    end if
     if (size(dofs) < n) then
       call reduce(system, moves, reduced)
       system => reduced
     end if
     call loads_with_memory(task, system, dofs, n, load, base)
     if (task%failed()) return
-    call new_mesh(mesh, piece%h, task%get_reals('ends'), task%get_longs('made_by'))
+    call piece%mesh(task, mesh)
     part = mesh%piece_of(piece%first)
     u = initial(2*dofs - 1)
     v = initial(2*dofs)
     call base%enter(mesh%beginning(part), mesh%ends(part))
     call base%add_to(mesh%start_of(piece%first), u, v, share=-1.0_wp)
-    call read_shortest(task, shortest, kinks)
-    call new_hereditary(run, system, load, nodes, task%get_integer('past'), held(dofs), u, v, &
-                        mesh%h(part), task%get_real('t_end'), piece%tolerance, reason, before, &
-                        moved(dofs, :), shortest, kinks)
+    call take_shortest(piece, shortest, kinks)
+    call new_hereditary(run, system, load, nodes, piece%past, held(dofs), u, v, &
+                        mesh%h(part), task%get_real('t_end'), piece%tolerance, piece%reason, &
+                        before, moved(dofs, :), shortest, kinks)
     if (task%failed()) return
-    if (reason == begun .and. piece%resume /= from_start) then
+    if (piece%reason == begun .and. piece%resume /= from_start) then
       made = .true.
       if (piece%resume /= under_other_loads) then
         call take_up_memory(task, piece, run%memory_size())
@@ -100,22 +105,17 @@ contains
         call run%load_memory(memory_under_other_loads(piece, run%memory_size()), .true.)
         call run%take_up(system, load, mesh%start_of(piece%first), u, v, made)
       end if
-      if (.not. made) reason = step_too_large
+      if (.not. made) piece%reason = step_too_large
     end if
     too_long = 0.0_wp
-    resolution = 0.0_wp
     piece%last = initial
-    if (reason == begun) then
+    if (piece%reason == begun) then
       if (size(dofs) == n) then
-        if (piece%is_watched) then
-          allocate (watch)
-          call new_watch(watch, piece%watched, piece%sides, run%n_observed())
-        end if
+        if (piece%is_watched) call piece%begin_watch(run%n_observed())
         call run_hereditary(run, system, load, base, piece%first, piece%n_steps, &
                             piece%save_every, piece%times, piece%states, piece%at_times, &
                             piece%n_done, piece%n_reached, piece%t_reached, piece%ended, mesh, &
-                            piece%resume == under_other_loads, watch, too_long)
-        if (piece%is_watched) call piece%hand_over(watch)
+                            piece%resume == under_other_loads, piece%watch, too_long)
       else
         allocate (states(size(rows), size(piece%states, 2)))
         allocate (at_times(size(rows), size(piece%times)), source=0.0_wp)
@@ -133,33 +133,21 @@ contains
       piece%last(2*dofs - 1) = u
       piece%last(2*dofs) = v
       piece%counted = run%equations%n_iterations
-      resolution = run%resolution()
+      piece%resolution = run%resolution()
       piece%kept = run%save_memory()
     end if
-    call piece%put(task)
-    call put_judgement(task, reason, resolution, too_long/(unseen_by_node*nodes))
+    piece%too_long = too_long/(unseen_by_node*nodes)
   end subroutine run_with_memory
 
-  subroutine put_judgement(task, reason, resolution, too_long)
-    type(task_type), intent(inout) :: task
-    integer, intent(in) :: reason
-    real(wp), intent(in) :: resolution, too_long
-    call task%found%put_integer('reason', int(reason, i8))
-    call task%found%put_real('resolution', resolution)
-    call task%found%put_real('too_long', too_long)
-  end subroutine put_judgement
-
   !> The shortest step after corners, and whether the base has some; not allocated: none follows.
-  subroutine read_shortest(task, shortest, kinks)
-    type(task_type), intent(inout) :: task
+  pure subroutine take_shortest(piece, shortest, kinks)
+    type(piece_type), intent(in) :: piece
     real(wp), allocatable, intent(out) :: shortest
     logical, allocatable, intent(out) :: kinks
-    real(wp) :: least
-    least = task%get_real('shortest')
-    if (.not. least > 0.0_wp) return
-    shortest = least
-    kinks = task%get_flag('kinks')
-  end subroutine read_shortest
+    if (.not. piece%shortest > 0.0_wp) return
+    allocate (shortest, source=piece%shortest)
+    allocate (kinks, source=piece%kinks)
+  end subroutine take_shortest
 
   !> Loads and base of a run with memory, of the coordinates `dofs` of n.
   subroutine loads_with_memory(task, system, dofs, n, load, base)
@@ -215,29 +203,28 @@ contains
   !! `left` (p, s), `right` (p, s + c), `shown_left` (p, m), `sine` and `cosine` (p, k); `by_base`
   !! (p, 2): by a jump of the base, and of its velocity. Found besides: `phased`, as `phase_errors`
   !! has it of what is kept.
-  subroutine run_structure(task)
+  subroutine run_structure(task, piece)
     type(task_type), intent(inout) :: task
-    type(piece_type) :: piece
+    type(piece_type), intent(inout) :: piece
     type(polynomial_type), pointer :: system
     type(structure_march_type) :: run
     type(sections_type) :: sections
     type(time_load_type) :: load
     type(base_motion_type) :: base
     type(mesh_type) :: mesh
-    type(watch_type), allocatable :: watch
     real(wp), pointer, contiguous :: shown(:, :), held(:), before(:), moved(:, :), start(:), &
                                      start_rates(:), kick(:)
     complex(wp), pointer, contiguous :: shown_left(:, :), start_others(:)
-    real(wp), allocatable :: u(:), v(:), phased(:), shortest
+    real(wp), allocatable :: u(:), v(:), shortest
     logical, allocatable :: kinks
-    real(wp) :: too_long, resolution
-    integer :: n, nodes, part, reason, used
+    real(wp) :: begin, too_long
+    integer :: n, nodes, part, used
     logical :: made
 
     system => polynomial_of(task)
     shown => task%get_matrix('shown')
     n = size(shown, 2)
-    call piece%read(task, 2*n, 3*n + 4)
+    call task%check_extents('initial', shape(piece%initial), [2*n])
     shown_left => task%get_complex_matrix('shown_left')
     held => task%get_reals('held')
     before => task%get_reals('before')
@@ -253,18 +240,20 @@ contains
     call task%check_extents('start_rates', shape(start_rates), shape(sections%squares))
     if (task%failed()) return
     used = size(sections%others%poles)
-    call new_mesh(mesh, piece%h, task%get_reals('ends'), task%get_longs('made_by'))
+    begin = 1.0_wp + piece%sign*shaken
+    if (piece%sign /= 0) call push_harder(sections, 1.0_wp + 2.0_wp*shaken)
+    call piece%mesh(task, mesh)
     part = mesh%piece_of(piece%first)
     call base%enter(mesh%beginning(part), mesh%ends(part))
-    call read_shortest(task, shortest, kinks)
+    call take_shortest(piece, shortest, kinks)
     call new_structure_march(run, system, sections, shown, shown_left(:used, :), load, nodes, &
-                             task%get_integer('past'), held, &
-                             [start, real(start_others(:used))], &
-                             [start_rates, aimag(start_others(:used))], mesh%h(part), &
-                             task%get_real('t_end'), piece%tolerance, reason, before, moved, &
+                             piece%past, held, &
+                             begin*[start, real(start_others(:used))], &
+                             begin*[start_rates, aimag(start_others(:used))], mesh%h(part), &
+                             task%get_real('t_end'), piece%tolerance, piece%reason, before, moved, &
                              shortest, kinks)
     if (task%failed()) return
-    if (reason == begun .and. piece%resume /= from_start) then
+    if (piece%reason == begun .and. piece%resume /= from_start) then
       made = .true.
       if (piece%resume /= under_other_loads) then
         call take_up_memory(task, piece, run%memory_size())
@@ -276,21 +265,17 @@ contains
         call run%get_state(u, v)
         call run%take_up(system, load, mesh%start_of(piece%first), u, v, made)
       end if
-      if (.not. made) reason = step_too_large
+      if (.not. made) piece%reason = step_too_large
     end if
-    allocate (phased(2*n), source=0.0_wp)
+    allocate (piece%phased(2*n), source=0.0_wp)
+    piece%last = piece%initial
     too_long = 0.0_wp
-    resolution = 0.0_wp
-    if (reason == begun) then
-      if (piece%is_watched) then
-        allocate (watch)
-        call new_watch(watch, piece%watched, piece%sides, run%n_observed())
-      end if
+    if (piece%reason == begun) then
+      if (piece%is_watched) call piece%begin_watch(run%n_observed())
       call run_hereditary(run, system, load, base, piece%first, piece%n_steps, piece%save_every, &
                           piece%times, piece%states, piece%at_times, piece%n_done, &
                           piece%n_reached, piece%t_reached, piece%ended, mesh, &
-                          piece%resume == under_other_loads, watch, too_long)
-      if (piece%is_watched) call piece%hand_over(watch)
+                          piece%resume == under_other_loads, piece%watch, too_long)
       if (allocated(u)) deallocate (u, v)
       allocate (u(n), v(n))
       call run%observe(u, v)
@@ -298,14 +283,23 @@ contains
       piece%last(1::2) = u
       piece%last(2::2) = v
       piece%counted = run%equations%n_iterations
-      resolution = run%resolution()
-      phased = run%phase_errors()
+      piece%resolution = run%resolution()
+      piece%phased = run%phase_errors()
       piece%kept = run%save_memory()
     end if
-    call piece%put(task)
-    call put_judgement(task, reason, resolution, too_long/(unseen_by_node*nodes))
-    call task%found%put_reals('phased', phased, shape(phased))
+    piece%too_long = too_long/(unseen_by_node*nodes)
   end subroutine run_structure
+
+  !> Forces of loads and elements so many times as large.
+  pure subroutine push_harder(sections, times)
+    type(sections_type), intent(inout) :: sections
+    real(wp), intent(in) :: times
+    sections%pushed = times*sections%pushed
+    sections%waves = times*sections%waves
+    sections%others%right = times*sections%others%right
+    sections%others%sine = times*sections%others%sine
+    sections%others%cosine = times*sections%others%cosine
+  end subroutine push_harder
 
   !> The linear rest of a structure, and what acts on it.
   subroutine read_sections(task, sections, load, base, n_shown)

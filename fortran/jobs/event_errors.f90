@@ -52,7 +52,18 @@ contains
       found%times(k) = fine%t(i)
       found%apart(:, k) = abs(fine%states(:, i) - coarse%states(:, i))
     end do
+    if (allocated(fine%rows)) call spread_rows(found%apart, fine%rows, size(fine%whole, 1))
   end subroutine find_differences
+
+  !> From some rows of states to all n: what is not compared is off by as much as what is, at most.
+  pure subroutine spread_rows(apart, rows, n)
+    real(wp), allocatable, intent(inout) :: apart(:, :)
+    integer, intent(in) :: rows(:), n
+    real(wp), allocatable :: all_rows(:, :)
+    allocate (all_rows, source=spread(maxval(apart, 1), 1, n))
+    all_rows(rows, :) = apart
+    call move_alloc(all_rows, apart)
+  end subroutine spread_rows
 
   !> The error of a run, by how much it changed, of its passages, and of where it stops.
   subroutine tell_error(run, coarse, change, differences, watched)
@@ -72,6 +83,7 @@ contains
       ! Two runs may be wrong alike at kinks.
       if (run%over_kinks .or. .not. differences%one_way) least = run%error
       n = size(run%states, 1)/2
+      if (allocated(run%rows)) n = size(run%whole, 1)/2
       associate (found => run%watch%n_found)
         allocate (run%passage_errors(2, found))
         call passage_errors(watched, run%watch%rows(n, found), &

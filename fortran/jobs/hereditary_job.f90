@@ -211,11 +211,11 @@ contains
     call make_runs(maker, job, wanted, trajectory, status)
   end subroutine make_hereditary
 
-  subroutine make(self, job, n, thinning, trajectory, status)
+  subroutine make(self, job, n, factor, parts, trajectory, status)
     class(hereditary_runs), intent(in) :: self
     class(transient_job), intent(in) :: job
     integer(i8), intent(in) :: n
-    integer, intent(in) :: thinning
+    integer, intent(in) :: factor, parts
     type(trajectory_type), intent(out) :: trajectory
     type(status_type), intent(out) :: status
     class(march_type), allocatable :: run
@@ -223,7 +223,7 @@ contains
     real(wp), allocatable :: states(:, :), shortest
     real(wp), dimension(size(self%first)/2) :: u, v
     real(wp) :: no_times(0), no_states(size(self%first), 0), thinnest
-    integer(i8) :: every, kept, i
+    integer(i8) :: every, kept, i, steps
     integer :: reached, reason
 
     if (counting) call count_up(counted_runs, 1)
@@ -232,25 +232,26 @@ contains
       trajectory%over_kinks = any([(system%laws(i)%program%n_surfaces() > 0, &
                                     i=1, size(system%laws))])
     end select
-    every = job%steps_apart(n, thinning)
-    trajectory%h = job%t_end/real(n, wp)
+    every = job%steps_apart(n, factor, parts)
+    steps = n*factor
+    trajectory%h = job%t_end/real(steps, wp)
     if (allocated(job%watched)) then
       allocate (trajectory%watch)
       call new_watch(trajectory%watch, job%watched, n_dof=size(u))
     end if
-    allocate (states(size(self%first), n/every))
+    allocate (states(size(self%first), steps/every))
     do i = 1, 2
       base = self%base
       select type (job)
       type is (hereditary_job)
-        call begin(self, job, base, n, trajectory%h, shortest, run, reason, status)
+        call begin(self, job, base, steps, trajectory%h, shortest, run, reason, status)
       end select
       if (status%failed()) return
       if (reason /= begun) then
         trajectory%outcome = run_coarse
         exit
       end if
-      call run_hereditary(run, self%system, self%load, base, 0_i8, n, every, no_times, states, &
+      call run_hereditary(run, self%system, self%load, base, 0_i8, steps, every, no_times, states, &
                           no_states, trajectory%n_steps, reached, trajectory%t_reached, &
                           trajectory%outcome, watch=trajectory%watch, thinnest=thinnest)
       trajectory%too_long = thinnest/(unseen_by_node*nodes(job%method))
@@ -261,7 +262,7 @@ contains
       shortest = scale(trajectory%h, -14)
       if (allocated(job%watched)) call new_watch(trajectory%watch, job%watched, n_dof=size(u))
     end do
-    if (trajectory%n_steps == n) trajectory%t_reached = job%t_end
+    if (trajectory%n_steps == steps) trajectory%t_reached = job%t_end
     if (job%last_only) then
       trajectory%t = [trajectory%t_reached]
       allocate (trajectory%states(size(self%first), 1))
@@ -285,20 +286,20 @@ contains
       trajectory%t(i + 1) = real(every*i, wp)*trajectory%h
     end do
     ! The product is rounded.
-    if (every*kept == n) trajectory%t(kept + 1) = job%t_end
+    if (every*kept == steps) trajectory%t(kept + 1) = job%t_end
   end subroutine make
 
-  subroutine make_shaken(self, job, n, thinning, sign, trajectory, status)
+  subroutine make_shaken(self, job, n, factor, sign, trajectory, status)
     class(hereditary_runs), intent(in) :: self
     class(transient_job), intent(in) :: job
     integer(i8), intent(in) :: n
-    integer, intent(in) :: thinning, sign
+    integer, intent(in) :: factor, sign
     type(trajectory_type), intent(out) :: trajectory
     type(status_type), intent(out) :: status
     class(hereditary_runs), allocatable :: maker
     allocate (maker, source=self)
     call maker%shake(sign)
-    call maker%make(job, n, thinning, trajectory, status)
+    call maker%make(job, n, factor, 1, trajectory, status)
   end subroutine make_shaken
 
   !> Forces have other arguments, u/(1 + s), and other values, by 1 + 2 s.

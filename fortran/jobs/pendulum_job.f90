@@ -16,7 +16,7 @@ module viscovib_pendulum_job
 
   logical, parameter :: spring_only(3) = [.true., .false., .false.]
   !> All numbers are other, each its own way: that brings as much as what `grown_of` adds.
-  real(wp), parameter :: part = shaken/8.0_wp
+  real(wp), parameter, public :: part_of_numbers = shaken/8.0_wp
 
 contains
 
@@ -32,17 +32,17 @@ contains
     type(spring_type) :: other_spring
     type(pendulum_type) :: other
 
-    call new_pendulum(other, pendulum%parameters%shaken(part), status)
+    call new_pendulum(other, pendulum%parameters%shaken(part_of_numbers), status)
     if (status%failed()) return
     if (swings(pendulum, job%initial) .or. allocated(job%watched)) then
-      call run_transient(job, pendulum, fastest, trajectory, status, other, part)
+      call run_transient(job, pendulum, fastest, trajectory, status, other, part_of_numbers)
       return
     end if
     call new_spring(spring, pendulum)
     call new_spring(other_spring, other)
     part_job = job
     part_job%initial = job%initial(:2)
-    call run_transient(part_job, spring, fastest, trajectory, status, other_spring, part)
+    call run_transient(part_job, spring, fastest, trajectory, status, other_spring, part_of_numbers)
     if (.not. status%failed()) call trajectory%spread_out(spring_only)
   end subroutine run_pendulum_job
 

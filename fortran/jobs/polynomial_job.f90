@@ -37,6 +37,7 @@ module viscovib_polynomial_job
   contains
     procedure :: make => make_fitted
     procedure :: make_shaken => make_other
+    procedure :: goes_in_parts
   end type fitted_runs
 
 contains
@@ -85,12 +86,17 @@ contains
     end do
   end function driven
 
-  !> Of a run of n steps kernels are fitted for these.
-  subroutine make_fitted(self, job, n, thinning, trajectory, status)
+  logical function goes_in_parts(self)
+    class(fitted_runs), intent(in) :: self
+    goes_in_parts = self%motion%in_parts
+  end function goes_in_parts
+
+  !> Of a run of n*factor steps kernels are fitted for these.
+  subroutine make_fitted(self, job, n, factor, parts, trajectory, status)
     class(fitted_runs), intent(in) :: self
     class(transient_job), intent(in) :: job
     integer(i8), intent(in) :: n
-    integer, intent(in) :: thinning
+    integer, intent(in) :: factor, parts
     type(trajectory_type), intent(out) :: trajectory
     type(status_type), intent(out) :: status
     type(driven_runs) :: runs
@@ -102,7 +108,7 @@ contains
     longest = self%motion%longest
     in_parts = self%motion%in_parts
     call new_fitted_motion(self%motion, self%remembering, self%load, self%nu, &
-                           job%t_end/real(n, wp), furthest*job%t_end, status, taken)
+                           job%t_end/real(n*factor, wp), furthest*job%t_end, status, taken)
     if (status%failed()) return
     if (allocated(job%held)) then
       call begin_hidden(self%motion, self%remembering, taken, job%held, status)
@@ -111,15 +117,15 @@ contains
     self%motion%longest = longest
     self%motion%in_parts = in_parts
     runs%system => self%motion
-    call runs%make(job, n, thinning, trajectory, status)
+    call runs%make(job, n, factor, parts, trajectory, status)
     trajectory%represented = shared_error
   end subroutine make_fitted
 
-  subroutine make_other(self, job, n, thinning, sign, trajectory, status)
+  subroutine make_other(self, job, n, factor, sign, trajectory, status)
     class(fitted_runs), intent(in) :: self
     class(transient_job), intent(in) :: job
     integer(i8), intent(in) :: n
-    integer, intent(in) :: thinning, sign
+    integer, intent(in) :: factor, sign
     type(trajectory_type), intent(out) :: trajectory
     type(status_type), intent(out) :: status
     type(fitted_runs) :: maker
@@ -130,7 +136,7 @@ contains
     maker%remembering => self%other
     allocate (begun, source=job)
     begun%initial = job%initial*(1.0_wp + sign*shaken)
-    call maker%make(begun, n, thinning, trajectory, status)
+    call maker%make(begun, n, factor, 1, trajectory, status)
   end subroutine make_other
 
   !> The same with all coordinates.

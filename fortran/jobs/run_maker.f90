@@ -10,7 +10,7 @@ module viscovib_run_maker
 
   real(wp), parameter :: rounding = 1.0e-15_wp
   !> Looks on the way to a last state, first steps between two.
-  integer(i8), parameter :: most_looks = 24_i8, least_between = 16_i8
+  integer(i8), parameter :: most_looks = 24_i8, least_between = 8_i8
   !> Error that is wanted if none is given, as a part of the size of the motion.
   real(wp), parameter, public :: part_of_size = 1.0e-10_wp
 
@@ -28,6 +28,8 @@ module viscovib_run_maker
     integer :: save_every = 1
     !> Keep the state at the end alone.
     logical :: last_only = .false.
+    !> Where every state is kept: so many that peaks between them are low.
+    logical :: fills = .true.
     !> Wanted error relative to the largest value of each coordinate and velocity, on top
     !! of `tolerance`, which may be 0 then.
     real(wp) :: relative = 0.0_wp
@@ -41,6 +43,7 @@ module viscovib_run_maker
     procedure :: wanted
     procedure :: allowed_at_stop
     procedure :: steps_apart
+    procedure, nopass :: steps_between_looks
     procedure :: solved
   end type transient_job
 
@@ -51,17 +54,21 @@ module viscovib_run_maker
     procedure :: make_shaken
     procedure :: align
     procedure :: renames
+    procedure :: goes_inside
+    procedure :: keeps_all
+    procedure :: goes_in_parts
   end type run_maker
 
   abstract interface
 
-    !> One run of n steps, keeping one state in save_every*thinning.
-    subroutine make_interface(self, job, n, thinning, trajectory, status)
+    !> One run in n*factor steps, keeping `parts` states in each of n steps, of which there is one
+    !! in save_every. `parts` divides the factor, or where a run `goes_inside` is a multiple of it.
+    subroutine make_interface(self, job, n, factor, parts, trajectory, status)
       import :: i8, run_maker, status_type, trajectory_type, transient_job
       class(run_maker), intent(in) :: self
       class(transient_job), intent(in) :: job
       integer(i8), intent(in) :: n
-      integer, intent(in) :: thinning
+      integer, intent(in) :: factor, parts
       type(trajectory_type), intent(out) :: trajectory
       type(status_type), intent(out) :: status
     end subroutine make_interface
@@ -72,16 +79,34 @@ contains
 
   !> The same run of a system of which numbers and arguments of forces are other by `shaken`, and
   !! the start by so much of this sign; no states: there is no such run.
-  subroutine make_shaken(self, job, n, thinning, sign, trajectory, status)
+  subroutine make_shaken(self, job, n, factor, sign, trajectory, status)
     class(run_maker), intent(in) :: self
     class(transient_job), intent(in) :: job
     integer(i8), intent(in) :: n
-    integer, intent(in) :: thinning, sign
+    integer, intent(in) :: factor, sign
     type(trajectory_type), intent(out) :: trajectory
     type(status_type), intent(out) :: status
     call set_ok(status)
-    if (same_type_as(self, self) .and. size(job%initial) > n/thinning*sign) return
+    if (same_type_as(self, self) .and. size(job%initial) > n*factor*sign) return
   end subroutine make_shaken
+
+  !> Whether states between ends of steps come from the polynomials of steps.
+  logical function goes_inside(self)
+    class(run_maker), intent(in) :: self
+    goes_inside = .false. .and. same_type_as(self, self)
+  end function goes_inside
+
+  !> Whether each step costs more than the one before, as all of the past is kept.
+  logical function keeps_all(self)
+    class(run_maker), intent(in) :: self
+    keeps_all = .false. .and. same_type_as(self, self)
+  end function keeps_all
+
+  !> Whether steps are made in parts that see thin layers of laws.
+  logical function goes_in_parts(self)
+    class(run_maker), intent(in) :: self
+    goes_in_parts = .false. .and. same_type_as(self, self)
+  end function goes_in_parts
 
   !> True if states have an equivalent form, as for bodies with large rotations.
   logical function renames(self)
@@ -137,21 +162,23 @@ contains
     allowed = self%tolerance + self%relative*max(allowed, 1.0e-6_wp*maxval(allowed))
   end function allowed
 
-  !> Steps between states of n that are kept, or looked at on the way to the last of two runs.
-  pure integer(i8) function steps_apart(self, n, thinning)
+  !> Steps between states that are kept of n*factor steps, or looked at on the way to the last of
+  !! two runs.
+  pure integer(i8) function steps_apart(self, n, factor, parts)
     class(transient_job), intent(in) :: self
     integer(i8), intent(in) :: n
-    integer, intent(in) :: thinning
-    steps_apart = self%save_every
-    if (self%last_only) then
-      associate (first => n/thinning)
-        ! Odd: four of the first steps may be a period.
-        steps_apart = ior(max(min(least_between, first/4), first/most_looks), 1_i8)
-      end associate
-    end if
-    steps_apart = steps_apart*thinning
-    if (self%last_only .and. self%dt > 0.0_wp) steps_apart = n + 1
+    integer, intent(in) :: factor, parts
+    steps_apart = max(self%save_every*(factor/parts), 1)
+    if (.not. self%last_only) return
+    steps_apart = self%steps_between_looks(n)*factor
+    if (self%dt > 0.0_wp) steps_apart = n*factor + 1
   end function steps_apart
+
+  !> Of n steps; odd: four of the first steps may be a period.
+  pure integer(i8) function steps_between_looks(n) result(between)
+    integer(i8), intent(in) :: n
+    between = ior(max(min(least_between, n/4), n/most_looks), 1_i8)
+  end function steps_between_looks
 
   !> Relative error with which equations of steps are solved where they are cheap.
   pure real(wp) function solved(self)

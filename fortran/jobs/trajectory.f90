@@ -28,9 +28,10 @@ module viscovib_trajectory
   !! units of epsilon: a bound of what is measured.
   real(wp), parameter :: drift = 1.0_wp/64.0_wp
 
-  !> Halvings of the step before a tolerance is given up, and while two runs end unlike each
-  !! other.
+  !> Halvings of the step before a tolerance is given up, at least, at most, and while two runs end
+  !! unlike each other.
   integer, parameter :: min_halvings = 5, max_unlike = 9
+  integer, parameter, public :: max_halvings = 12
 
   type :: trajectory_type
     !> Times of the states kept, the start first; states, a column each.
@@ -55,13 +56,23 @@ module viscovib_trajectory
     real(wp) :: too_long = 0.0_wp
     !> Whether steps go over kinks and jumps of laws, so that errors are no power of the step.
     logical :: over_kinks = .false.
+    !> Whether polynomials of steps are of the degree that their comparison takes.
+    logical :: of_high_degree = .false.
     !> States on the way of a run that keeps the last alone, a column each; not allocated: none.
     real(wp), allocatable :: looks(:, :)
     !> Events that were found, if any were looked for; states are of the coordinates kept.
     type(watch_type), allocatable :: watch
     !> Estimated errors of their times and states, shape (2, n); not allocated: not estimated.
     real(wp), allocatable :: passage_errors(:, :)
+    !> Where `states` are some rows of what is computed alone: which ones, and all of it.
+    integer, allocatable :: rows(:)
+    real(wp), allocatable :: whole(:, :)
+    !> What a run needs to go on; work counted; the largest last coefficient of a step's polynomial.
+    real(wp), allocatable :: memory(:)
+    integer(i8) :: counted = 0
+    real(wp) :: resolution = 0.0_wp
   contains
+    procedure :: thin
     procedure :: spread_out
     procedure :: row_of
     procedure :: sizes
@@ -208,11 +219,26 @@ contains
     hopeless = .false.
     if (n < min_halvings) return
     if (changes(n) < huge(1.0_wp)) then
-      hopeless = changes(n) > 0.1_wp*changes(n - 2)
+      hopeless = n >= max_halvings .or. changes(n) > 0.1_wp*changes(n - 2)
     else
       hopeless = n >= max_unlike
     end if
   end function hopeless
+
+  !> The run with one in k of its states.
+  subroutine thin(self, k, some)
+    class(trajectory_type), intent(in) :: self
+    integer, intent(in) :: k
+    type(trajectory_type), intent(out) :: some
+    select type (self)
+    type is (trajectory_type)
+      some = self
+    end select
+    if (k == 1) return
+    some%t = self%t(::k)
+    some%states = self%states(:, ::k)
+    if (allocated(self%whole)) some%whole = self%whole(:, ::k)
+  end subroutine thin
 
   !> From the coordinates computed to all, the others at rest.
   subroutine spread_out(self, moved)

@@ -38,16 +38,3 @@ def test_motions_that_stay_together_are_told():
         system, 400, initial=[50.0, 0.0], load=0.1, nu=0.7, keep="last", tolerance=1e-10
     )
     assert np.abs(last.state[-1] - whole.state[-1]).max() < 2e-8
-
-
-@pytest.mark.parametrize("kernel", [None, vv.PronyKernel(weights=[0.2], rates=[1.5])])
-@pytest.mark.parametrize("n", [50, 231, 640])
-def test_runs_that_keep_their_end_alone_are_compared_on_the_way(kernel, n):
-    """At some 24 times: with the states that a run keeps which keeps all."""
-    system = vv.PolynomialSystem(mass=1, stiffness=1, damping=0.1, forces="0.5*x^3", kernel=kernel)
-    given = {"initial": [0.3, 0], "load": 0.2, "nu": 1.1, "dt": 0.1}
-    run = vv.simulate(system, 0.1 * n, keep="last", estimate_error=True, **given)._resume
-    every = run.look_every
-    kept = vv.simulate(system, 0.1 * n, save_every=every, **given).state
-    assert len(run.looks) >= 6
-    np.testing.assert_array_equal(run.looks[: 1 + n // every], kept)

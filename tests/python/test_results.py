@@ -362,7 +362,6 @@ _ASKED = {
     "analyses/shooting.py: SteadyMotion",
     "analyses/signals.py: Trajectory",
     "analyses/starts.py: Trajectory",
-    "analyses/structure_motion.py: StructureTrajectory",
     "rubber/amplitude_fit.py: ParametricFit",
     "rubber/kernel_fit.py: MasterCurve",
     "rubber/terms.py: KernelFit",

@@ -1,6 +1,5 @@
 """How exact a motion is wanted, whether two runs agree so far, and why they do not."""
 
-import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -176,29 +175,3 @@ def reason(coarse: "Trajectory", fine: "Trajectory", want: Accuracy) -> str:
         "the fastest motion is not resolved (it is too stiff for this method): take a larger "
         "tolerance or a smaller dt"
     )
-
-
-def parts_for_peaks(run: "Trajectory", most: int = 64) -> int:
-    """How many states a step must have for peaks between them to be low, a power of 2.
-
-    Between states d apart a displacement rises by at most |u''| d^2 / 8 above them.
-    """
-    if run.t.size < 2:
-        return 1
-    if run.t[-1] - run.t[0] < 1e-290:
-        # Rates over so short a time leave the range of numbers; so do peaks between states.
-        return 1
-    d = np.diff(run.t)[:, np.newaxis]
-    size = np.abs(run.state[:, ::2]).max(axis=0)
-    bends = np.abs(np.diff(run.state[:, 1::2], axis=0)) / d
-    # Steps of a quarter period see the curvature smaller than it is: by pi/2^1.5 that of a sine,
-    # by more that of higher orders.
-    rise = 1.6 * bends * d**2 / 8
-    needed = float(np.sqrt((rise / np.where(size > 0, PEAKS * size, math.inf)).max()))
-    parts = 1 << math.ceil(math.log2(max(needed, 1.0)))
-    return min(parts, most, most_states(run.t.size - 1))
-
-
-def most_states(n: int) -> int:
-    """How many states each of n steps may keep, a power of 2."""
-    return 1 << max(0, math.floor(math.log2(max(_MOST_STATES / max(n, 1), 1.0))))

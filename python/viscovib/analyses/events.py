@@ -225,20 +225,22 @@ class Watch:
         """Of each event, in how many steps passages may be missing."""
         return [int(steps) for steps in self.sides.reshape(3, -1)[2]]
 
-    def take(self, found: FloatArray, count: int) -> None:
-        """Remember what a native call has found."""
+    def take(self, found: FloatArray, count: int) -> npt.NDArray[np.bool_]:
+        """Remember what a native call has found; return which of it counts."""
         if count > found.shape[1] or sum(map(len, self.found)) + count > _MOST:
             raise InputError(
                 f"events: more than {ROOM} in a piece of the run, or {_MOST} in all: take a "
                 "shorter run, or count fewer of them"
             )
         rows = np.array(found[:, :count].T)
+        counts = np.ones(count, dtype=bool)
         for i, impact in enumerate(self.impacts):
             if impact is not None and count:
                 states = rows[:, 2 : 2 + n_states(found.shape[0])]
-                rows = rows[(rows[:, 0] != i + 1) | impact.keeps(states)]
-        if rows.size:
-            self.found.append(rows)
+                counts &= (rows[:, 0] != i + 1) | impact.keeps(states)
+        if counts.any():
+            self.found.append(rows[counts])
+        return counts
 
     def take_gathered(self, found: FloatArray, count: int) -> None:
         """Take in what a native call, which found so many passages, has gathered."""

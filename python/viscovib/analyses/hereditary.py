@@ -18,7 +18,6 @@ from viscovib.analyses.mount_loads import inertia_of, sinusoids
 from viscovib.analyses.runs import (
     MAX_STEPS,
     ROUNDING,
-    SHAKEN,
     Piece,
     Run,
     Wanted,
@@ -215,7 +214,6 @@ class MountRun(Run):
     counts = "iterations"
     inside = True
     remembers_past = True
-    shaken = SHAKEN
     #: Reason of a run whose steps are too large, and the outcome it is then.
     too_large, coarse = _STEP_TOO_LARGE, _COARSE
 
@@ -232,8 +230,6 @@ class MountRun(Run):
         self.moves: Any = getattr(motion, "moves", None)
         #: Coordinates that the run it goes on from computed.
         self.left_out: Any = None
-        #: By how much masses are other: forces have other values then.
-        self.heavier = 1.0
         if motion.memory == "direct":
             self._keep_all()
 
@@ -250,7 +246,7 @@ class MountRun(Run):
     def steps(self, n: int, want: Wanted, progress: bool) -> Trajectory:
         """Make n steps."""
         begun = copy.copy(self)
-        run = replace(super().steps(n, want, progress), resolution=self.resolution)
+        run = super().steps(n, want, progress)
         least = _FINE * self.h
         unsure = run.outcome in ("diverged", "step too large") and self.fitted
         if not unsure or 0 < self.shortest <= least:
@@ -260,6 +256,10 @@ class MountRun(Run):
         finer = again(begun, 1)
         return run if finer is None else finer.steps(n, want, progress)
 
+    def _shaped(self, run: Trajectory) -> Trajectory:
+        """The run with how its steps resolve it."""
+        return replace(run, resolution=self.resolution)
+
     @property
     def sharpens(self) -> bool:  # type: ignore[override]
         """Whether they are solved to more than rounding."""
@@ -268,11 +268,6 @@ class MountRun(Run):
     def sharpen(self, factor: int) -> None:
         """The same: by a third power, slower than any method gains by its steps."""
         self.solved = max(self.solved / float(factor) ** 3, ROUNDING)
-
-    def shake(self, sign: int) -> None:
-        """The same: forces have other arguments, u/(1 + s), and other values, by 1 + 2 s."""
-        super().shake(sign)
-        self.heavier = 1 - 2 * self.shaken
 
     def adopt(self, earlier: Run) -> None:
         """Go on from the end of an earlier run, under the loads of this one."""
@@ -375,26 +370,35 @@ class MountRun(Run):
                 found |= {"ended": _COARSE, "reached": self.time, "last": self.state}
             return Piece.of(found)
 
-    def _system(self) -> _native.Handle:
-        """The system in the core; where masses are other, of such ones."""
-        mount = self.motion.mount
-        handle: _native.Handle = mount._handle
-        if self.heavier == 1:
-            return handle
-        flat = mount._flat.copy()
-        flat[mount._masses] *= self.heavier
-        return _native.oscillator_object(flat, mount._kernels)
+    def _given(self) -> tuple[str, tuple[_native.Handle, ...], dict[str, Any]]:
+        """The same of an oscillator."""
+        values = self._with_memory() | {"moves": self.moves}
+        return "motion with memory", (self.motion.mount._handle, self.motion._given), values
 
-    def _found(self, count: int, every: int, columns: int, times: FloatArray) -> dict[str, Any]:
-        """What the core makes of so many steps."""
+    def _search_values(self) -> dict[str, Any]:
+        """The same of a run with memory."""
+        mesh = self.mesh
+        return {
+            "fitted": self.fitted, "holds_places": False,
+            "most_direct": _DIRECT_STEPS if self.motion.memory == "auto" else 0,
+            "later": 0.0 if mesh is None else mesh.later,
+        }  # fmt: skip
+
+    def take_search(self, found: dict[str, Any]) -> None:
+        """The same: how it is resolved, and how its past is kept."""
+        super().take_search(found)
+        self.resolution, self.shortest = found["resolution"], found["shortest"]
+        if PASTS[found["past"] - 1] == "direct":
+            self._keep_all()
+
+    def _with_memory(self) -> dict[str, Any]:
+        """What pieces with memory are given."""
         ends, made_by = self._mesh_arrays()
-        return self._task(
-            "motion with memory", self._system(), self.motion._given,
-            long=self._takes_long(count), count=count, every=every, columns=columns, times=times,
-            nodes=NODES[self.method], past=PASTS.index(self.past) + 1, moves=self.moves,
-            initial=self.state, shortest=self.shortest, kinks=bool(self.kinks), t_end=self.reach,
-            ends=ends, made_by=made_by,
-        )  # fmt: skip
+        return {
+            "nodes": NODES[self.method], "past": PASTS.index(self.past) + 1,
+            "shortest": float(self.shortest), "kinks": bool(self.kinks), "t_end": self.reach,
+            "ends": ends, "made_by": made_by,
+        }  # fmt: skip
 
     def _keep_all(self) -> None:
         """All of the past, in shorter pieces since each is set up anew."""

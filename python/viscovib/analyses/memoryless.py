@@ -20,7 +20,6 @@ from viscovib.analyses.hereditary import (
 )
 from viscovib.analyses.runs import (
     MAX_STEPS,
-    SHAKEN,
     Piece,
     Run,
     ThinLayers,
@@ -290,7 +289,6 @@ class PolynomialRun(Run):
     """A run of a polynomial system without memory."""
 
     counts = "evaluations"
-    shaken = SHAKEN
     system: PolynomialSystem
 
     def __init__(
@@ -323,13 +321,6 @@ class PolynomialRun(Run):
     ) -> "PolynomialRun":
         """The same, the step last."""
         return cls(system, method, state, h, solved, job)
-
-    def shake(self, sign: int) -> None:
-        """The same: forces have other arguments, u/(1 + s), and other values, by 1 + 2 s."""
-        super().shake(sign)
-        flat = self.job[0].copy()
-        flat[_MASS : _MASS + self.state.size**2 // 4] *= 1 - 2 * self.shaken
-        self.job = (flat, *self.job[1:14], _native.polynomial_object(flat))
 
     def adopt(self, earlier: Run) -> None:
         """Go on from the end of an earlier run: elements remember."""
@@ -411,26 +402,28 @@ class PolynomialRun(Run):
                     f"that are not sums of exponentials may go on to {reach:g} at most"
                 )
         self.layers.longest = max(self.layers.longest, self.h)
+        found = self._found(count, every, columns, times)
+        self.layers.seen |= bool(found["memory"][-2])
+        return Piece.of(found)
+
+    def _given(self) -> tuple[str, tuple[_native.Handle, ...], dict[str, Any]]:
+        """The same of such a system."""
         in_parts = self.layers.seen or (self.memory is not None and bool(self.memory[-2]))
         held, before, moved = self.job[12] if self.memory is None else self._past_left()
         ends, made_by = self._mesh_arrays()
-        found = self._task(
-            "motion without memory", self.system_in_core, long=count > _native.MANY_STEPS,
-            count=count, every=every, columns=columns,
-            times=times, held=held, before=before, moved=moved, ends=ends, made_by=made_by,
-            method=METHODS[self.method], in_parts=in_parts, thin=self.h / self.layers.longest,
-            moves=self.job[6], initial=self.state, reach=float(self.job[8]), **self.job[13],
-        )  # fmt: skip
-        self.layers.seen |= bool(found["memory"][-2])
-        return Piece.of(found)
+        values = {
+            "held": held, "before": before, "moved": moved, "ends": ends, "made_by": made_by,
+            "method": METHODS[self.method], "in_parts": in_parts,
+            "thin": self.h / max(self.layers.longest, self.h), "moves": self.job[6],
+            "reach": float(self.job[8]), **self.job[13],
+        }  # fmt: skip
+        return "motion without memory", (self.system_in_core,), values
 
 
 class _PendulumRun(Run):
     """A run of a pendulum."""
 
     counts = "evaluations"
-    #: All numbers are other, each its own way: that brings as much as what `estimates.grown` adds.
-    shaken = SHAKEN / 8
     system: Pendulum
 
     @classmethod
@@ -439,11 +432,6 @@ class _PendulumRun(Run):
     ) -> "_PendulumRun":
         """The same, the step last."""
         return cls(system, method, state, h, solved)
-
-    def shake(self, sign: int) -> None:
-        """The same, of the numbers of the pendulum."""
-        super().shake(sign)
-        self.system = self.system._shaken(self.shaken)
 
     def power(self, t: FloatArray, state: FloatArray) -> FloatArray:
         """Power of loads and damping."""
@@ -475,9 +463,10 @@ class _PendulumRun(Run):
         if self.anew:
             # Under other loads it begins at the state, whatever was before.
             self.memory = None
-        found = self._task(
-            "motion of pendulum", self.system._handle, long=count > _native.MANY_STEPS,
-            count=count, every=every, columns=columns, times=times, initial=self.state,
-            method=METHODS[self.method], swings=self.watch is not None or bool(self.swings),
-        )  # fmt: skip
-        return Piece.of(found)
+        return super()._native_steps(count, every, columns, times)
+
+    def _given(self) -> tuple[str, tuple[_native.Handle, ...], dict[str, Any]]:
+        """The same of a pendulum."""
+        swings = self.watch is not None or bool(self.swings)
+        values = {"method": METHODS[self.method], "swings": swings}
+        return "motion of pendulum", (self.system._handle,), values

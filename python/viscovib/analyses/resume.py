@@ -1,6 +1,7 @@
 """Runs that go on: under the same loads, or under others, which act from there on."""
 
 import copy
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -10,7 +11,7 @@ import numpy as np
 
 from viscovib import _native
 from viscovib._native import FloatArray
-from viscovib.analyses.estimates import with_estimate
+from viscovib.analyses.accuracy import rounding_of
 from viscovib.analyses.events import Watch
 from viscovib.analyses.hereditary import NODES, MountMotion, hereditary_run_of, moving
 from viscovib.analyses.memoryless import (
@@ -19,14 +20,14 @@ from viscovib.analyses.memoryless import (
     pendulum_runs,
     polynomial_runs,
 )
-from viscovib.analyses.runs import Run, Wanted, again, nothing
+from viscovib.analyses.runs import Run, Wanted, again, difference, nothing
 from viscovib.analyses.structure_motion import StructureMotion, structure_motion_of
 from viscovib.analyses.whole_structure import WholeRun, whole_runs
 from viscovib.common.counts import things
 from viscovib.common.mesh import Mesh
 from viscovib.errors import InputError
 from viscovib.kernels.tabulated import TabulatedKernel
-from viscovib.results.trajectory import Trajectory
+from viscovib.results.trajectory import Passages, Trajectory
 from viscovib.systems.load import LoadLike
 from viscovib.systems.load_table import LoadTable
 from viscovib.systems.mount import Mount
@@ -279,14 +280,46 @@ def go_on(
     if not estimated:
         return result
 
-    def made(factor: int, sign: int = 0) -> Trajectory | None:
-        finer = again(begun, factor, sign)
-        return None if finer is None else finer.steps(factor * n, kept.finer(factor), progress)
+    return _with_estimate(result, begun, n, kept)
 
-    shaken = None
-    if begun.shaken and not run.layers.seen:
-        shaken = partial(made, 1)
-    return with_estimate(result, made, " from the first start on", shaken)
+
+def _with_estimate(run: Trajectory, begun: Run, n: int, kept: Wanted) -> Trajectory:
+    """The run with its error, by runs from the first start on in half steps, and thirds at kinks.
+
+    ``begun``: the run where it went on, by n steps.
+    """
+    finer: list[Trajectory | None] = []
+    for factor in (2, 3) if begun.over_kinks else (2,):
+        part = again(begun, factor)
+        finer.append(None if part is None else part.steps(factor * n, kept.finer(factor), False))
+    change = max(math.inf if one is None else difference(run, one) for one in finer)
+    half, third = finer[0], finer[-1]
+    if half is not third and half is not None and third is not None:
+        change += difference(half, third)
+    how = "by a run in half steps" if len(finer) == 1 else "by runs in half steps and thirds"
+    how += " from the first start on"
+    words = "estimate of the error"
+    plan = partial(run.plan.instead, words, f"computes: {words}, {how}")
+    error = max(change, rounding_of(run.state))
+    events = tuple(
+        _with_errors(one, None if half is None else half.events[i], begun.time, error)
+        for i, one in enumerate(run.events)
+    )
+    return replace(run, error=error, events=events, _planned=plan)
+
+
+def _with_errors(one: Passages, other: Passages | None, since: float, error: float) -> Passages:
+    """Passages with their errors, by those of a finer run from a time on and by that of states."""
+    unknown = np.full(one.t.size, math.nan)
+    if other is None:
+        return replace(one, error=unknown, state_error=unknown)
+    here = other.t >= since - error
+    times, states = other.t[here], other.state[here]
+    if times.size != one.t.size:
+        return replace(one, error=unknown, state_error=unknown)
+    late = np.maximum(np.abs(one.t - times), error)
+    off = np.maximum(np.abs(one.state - states).max(axis=1, initial=0.0), error)
+    return replace(one, error=late, state_error=off)
 
 
 def _ahead(run: Run, end: float, want: Wanted) -> tuple[int, Wanted]:

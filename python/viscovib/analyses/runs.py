@@ -14,7 +14,6 @@ import numpy.typing as npt
 
 from viscovib import _native
 from viscovib._native import FloatArray
-from viscovib.analyses.accuracy import rounding_of
 from viscovib.analyses.events import Watch
 from viscovib.bodies.body import Body
 from viscovib.bodies.turning import told_like
@@ -31,12 +30,10 @@ from viscovib.systems.polynomial_system import PolynomialSystem
 
 MAX_STEPS = 10**12
 #: Numbers that a run keeps at most: 1 GiB.
-_MAX_KEPT = 2**27
+MAX_KEPT = 2**27
 #: Steps of a first run whose step is to be found.
 MAX_FIRST_STEPS = 10**9
 ROUNDING = 1e-15
-#: Relative change of what a run computes with that tells what roundings become, a power of 2.
-SHAKEN = 2.0**-40
 #: Relative error of the time of a stop inside a step.
 LOCATED = 1e-12
 #: Relative change of the period of a motion without damping by the rounding errors of a step, in
@@ -156,38 +153,6 @@ def told_in_one_way(run: Trajectory, like: Trajectory) -> Trajectory:
     return replace(run, state=told_like(run.state, like.state))
 
 
-def least_error(run: Trajectory) -> float:
-    """Rounding error of states and error of sums of exponentials, which all runs share."""
-    found = max(rounding_of(run.state), _rounding_of_times(run))
-    if run._resume is None:
-        return found
-    size = float(np.abs(run.state).max(initial=0.0))
-    phases = 0.0 if run.outcome == "diverged" else run._resume.by_phases
-    return float(max(found, run._resume.represented * size, phases))
-
-
-def _rounding_of_times(run: Trajectory) -> float:
-    """By how much a motion moves within what times of its states, and paces of it, are rounded."""
-    if run.outcome != "completed":
-        return 0.0
-    moved = np.abs(run.state[:, 1::2]).max(axis=1, initial=0.0) * run.t
-    if run.t.size > 1:
-        steps = np.abs(np.diff(run.state, axis=0)).max(axis=1)
-        lengths = np.maximum(np.diff(run.t), np.finfo(float).smallest_subnormal)
-        moved[1:] = np.maximum(moved[1:], steps * (run.t[1:] / lengths))
-    grown = max(1.0, _DRIFT * run.stats["steps"]) if _keeps_energy(run.system) else 1.0
-    return float(grown * np.finfo(float).eps * moved.max())
-
-
-def _keeps_energy(system: object) -> bool:
-    """Return True if a nonlinear system has no damping: rounding errors of energy accumulate."""
-    if not isinstance(system, PolynomialSystem) or system._damping.any() or system._active_kernels:
-        return False
-    return any(group.forces for group in system.groups) and not any(
-        group.laws for group in system.groups
-    )
-
-
 class Piece(NamedTuple):
     """What a native call returns of the steps it made."""
 
@@ -265,8 +230,8 @@ class Run(ABC):
     inside: ClassVar[bool] = False
     #: Thin layers of forces that steps may miss; those of a search for the step share them.
     layers: ThinLayers = ThinLayers()
-    #: By what part its start and numbers are other where it is shaken, 0: it cannot be.
-    shaken: ClassVar[float] = 0.0
+    #: Whether what roundings grow to is found by a run whose numbers are other.
+    can_shake: ClassVar[bool] = True
     #: Whether a run without a memory of its own may go on under other loads from its state.
     remembers_past: ClassVar[bool] = False
     #: Whether equations and kernels are solved to a tolerance, which `sharpen` takes down.
@@ -310,21 +275,13 @@ class Run(ABC):
         self.began = 0.0
         #: States kept of a step by its polynomial, if more than that at its end are.
         self.kept_of_step = 1
-        #: Steps between looks at what is not kept, 0: none; states there.
-        self.look_every = 0
-        self.looks: list[FloatArray] = []
+        #: States on the way of a search that found no step.
+        self.looks: FloatArray = nothing(0)
 
     def on(self, mesh: Mesh) -> Run:
         """The same run in the steps of a mesh."""
         self.mesh, self.h = mesh, mesh.h
         return self
-
-    def shake(self, sign: int) -> None:
-        """Begin at a start, with a system, whose numbers are other by as much as `shaken`.
-
-        ``sign``: of what is added to the start.
-        """
-        self.state = self.state * (1 + sign * self.shaken)
 
     def sharpen(self, factor: int) -> None:  # noqa: B027
         """Solve equations, and fit kernels, as much better as steps are shorter by the factor.
@@ -345,10 +302,6 @@ class Run(ABC):
         """Remember as much as another run will need, in steps shorter by the factor."""
         self.piece = like.piece
 
-    def event_columns(self) -> npt.NDArray[np.int64] | None:
-        """Which columns of states of events are kept of others; None: the first."""
-        return None
-
     def serves(self) -> bool:
         """Whether what is remembered serves the steps to come."""
         return True
@@ -359,21 +312,19 @@ class Run(ABC):
             return nothing(1), nothing(1, np.int64)
         return self.mesh.ends, self.mesh.made_by
 
-    def _task(
-        self,
-        task: str,
-        *objects: _native.Handle,
-        long: bool,
-        count: int,
-        every: int,
-        columns: int,
-        times: FloatArray,
-        **values: Any,
-    ) -> dict[str, Any]:
-        """Run a task that makes ``count`` steps from the present state, and return what it finds.
+    @abstractmethod
+    def _given(self) -> tuple[str, tuple[_native.Handle, ...], dict[str, Any]]:
+        """Return the task of a piece, its objects, and what it is given that others are not."""
 
-        ``long``: whether it may take long.
-        """
+    def _takes_long(self, count: int) -> bool:
+        """Whether so many steps may take long."""
+        return count > _native.MANY_STEPS
+
+    def _values(
+        self, count: int, every: int, times: FloatArray
+    ) -> tuple[str, tuple[_native.Handle, ...], dict[str, Any]]:
+        """The same with what every piece is given, of ``count`` steps from the present state."""
+        task, objects, values = self._given()
         watch = self.watch
         if watch is not None:
             values |= {"watched": watch.vector, "sides": watch.sides, "most": watch.room}
@@ -382,17 +333,24 @@ class Run(ABC):
             values["memory"] = self.memory
         elif self.anew and self.remembers_past:
             resume = 2
-        found = _native.run_either(
-            long, task, *objects, first=self.done, n_steps=count, save_every=every, resume=resume,
-            h=self.h, tolerance=self.solved, times=times, columns=columns, **values,
-        )  # fmt: skip
-        if watch is not None:
-            watch.sides[:] = found["sides"]
+        values |= {
+            "first": self.done, "n_steps": count, "save_every": every, "resume": resume,
+            "h": self.h, "tolerance": self.solved, "times": times, "initial": self.state,
+        }  # fmt: skip
+        return task, objects, values
+
+    def _found(self, count: int, every: int, columns: int, times: FloatArray) -> dict[str, Any]:
+        """Make ``count`` steps from the present state in the core, and return what it finds."""
+        task, objects, values = self._values(count, every, times)
+        long = self._takes_long(count)
+        found = _native.run_either(long, task, *objects, columns=columns, **values)
+        if self.watch is not None:
+            self.watch.sides[:] = found["sides"]
         return found
 
-    @abstractmethod
     def _native_steps(self, count: int, every: int, columns: int, times: FloatArray) -> Piece:
         """Make ``count`` steps from the present state."""
+        return Piece.of(self._found(count, every, columns, times))
 
     @abstractmethod
     def _plan(self, end: float, dt: float, tolerance: float, every: int, last: bool) -> str:
@@ -466,12 +424,7 @@ class Run(ABC):
         if want.keep == "tail":
             skipped = max(0, n - math.ceil(min(want.tail / self.h, n))) // want.every * want.every
         if want.times is None and want.keep != "last":
-            n_kept, most = (n - skipped) // want.every, _MAX_KEPT // max(first.size, 1)
-            if n_kept > most:
-                raise InputError(
-                    f"t_end: would keep {n_kept} states, must be at most {most}: see save_every, "
-                    'keep = "tail" or keep = "last"'
-                )
+            self._check_room((n - skipped) // want.every)
         counts = {self.counts: 0}
         states: list[FloatArray] = []
         ended = 0
@@ -495,7 +448,7 @@ class Run(ABC):
             t = np.multiply(made, self.h, dtype=float)
             if self.mesh is None and made[-1] == self.goal[0]:
                 t[-1] = self.goal[1]
-        return Trajectory(
+        run = Trajectory(
             t=t,
             state=kept,
             outcome=OUTCOMES[ended],
@@ -509,6 +462,39 @@ class Run(ABC):
             events=() if self.watch is None else self.watch.passages(slice(first.size)),
             _planned=partial(self.plan, want, self._time_after(start + n)),
         )
+        return self._shaped(run)
+
+    def _shaped(self, run: Trajectory) -> Trajectory:
+        """The run with what its kind of system tells."""
+        return run
+
+    @property
+    def _judged(self) -> npt.NDArray[np.intp]:
+        """Which numbers of a state tell how exact a run is."""
+        return np.arange(self.state.size)
+
+    @property
+    def keeps_energy(self) -> bool:
+        """Whether rounding errors of the energy accumulate: nonlinear without damping."""
+        system = self.system
+        if not isinstance(system, PolynomialSystem):
+            return False
+        if system._damping.any() or system._active_kernels:
+            return False
+        return any(group.forces for group in system.groups) and not any(
+            group.laws for group in system.groups
+        )
+
+    def _search_values(self) -> dict[str, Any]:
+        """What a search is given besides of this kind of run."""
+        return {
+            "fitted": bool(self.represented), "holds_places": False, "most_direct": 0, "later": 0.0
+        }  # fmt: skip
+
+    def take_search(self, found: dict[str, Any]) -> None:
+        """Remember what a search has met."""
+        self.by_phases, self.too_long = found["by_phases"], found["too_long"]
+        self.layers.seen |= bool(found["in_parts"])
 
     def _advance(
         self,
@@ -521,14 +507,12 @@ class Run(ABC):
         """Make n steps in pieces; return how they ended."""
         piece = self.piece if self.watch is None else min(self.piece, _WATCHED)
         stored = want.keep != "last" and want.times is None
-        looking = self.look_every and not stored
-        # A native call keeps states at the looks as it does states of the result.
-        every = self.look_every if looking else want.every
+        every = want.every
         piece = max(piece // every, 1) * every
         left, ended = n, 0
         while left and not ended:
             count = min(piece, left)
-            columns = count // every if stored or looking else 0
+            columns = count // every if stored else 0
             times = nothing(0)
             if want.times is not None:
                 now, until = self.time, self._time_after(self.done + count)
@@ -547,10 +531,6 @@ class Run(ABC):
             self.done += part.made
             self.reached = part.reached if ended else self.time
             kept = part.states.T[: min(columns, part.made // every)]
-            if looking:
-                self.looks.extend(kept)
-                if part.made % every:
-                    self.looks.append(self.state)
             counts[self.counts] += part.counted
             if want.times is not None:
                 states.append(part.at_times.T[: part.n_reached])
@@ -584,6 +564,14 @@ class Run(ABC):
             latest = part
         return np.concatenate(found)
 
+    def _check_room(self, n_kept: int) -> None:
+        most = MAX_KEPT // max(self.state.size, 1)
+        if n_kept > most:
+            raise InputError(
+                f"t_end: would keep {n_kept} states, must be at most {most}: see save_every, "
+                'keep = "tail" or keep = "last"'
+            )
+
     def _check_times(self, times: FloatArray, n: int) -> None:
         end = self._time_after(self.done + n)
         if times[0] < self.time or times[-1] > end * (1 + 1e-15):
@@ -592,18 +580,16 @@ class Run(ABC):
             )
 
 
-def again(run: Run, factor: int, shaken: int = 0) -> Run | None:
+def again(run: Run, factor: int) -> Run | None:
     """The same run from its first start, in steps shorter by a factor; None: it stopped before.
 
-    It remembers what its steps to come will need. ``shaken``: the sign of a shake, 0: none.
+    It remembers what its steps to come will need.
     """
     assert run.maker is not None
     latest: Run | None = None
     for maker, done in (*run.parts, (run.maker, run.done)):
         part = maker(run.h / factor)
         part.sharpen(factor)
-        if shaken:
-            part.shake(shaken)
         if latest is not None:
             part.adopt(latest)
         part.prepare(run, factor)

@@ -16,12 +16,12 @@ from viscovib import _native
 from viscovib._native import FloatArray
 from viscovib.analyses.hereditary import FIRST, NODES, PASTS, MountRun, history_of
 from viscovib.analyses.kept_numbers import of_structure
-from viscovib.analyses.runs import MAX_STEPS, Run, Wanted, starting_state
+from viscovib.analyses.runs import MAX_STEPS, Run, starting_state
 from viscovib.analyses.structure_modal import modal_arrays
 from viscovib.common.counts import things
 from viscovib.common.past import Past
 from viscovib.errors import ConvergenceWarning, InputError, caller
-from viscovib.results.trajectory import Passages, Trajectory
+from viscovib.results.trajectory import Trajectory
 from viscovib.systems.condensed import LoadedStructure
 from viscovib.systems.law_ends import law_end as end_of_law
 from viscovib.systems.load import LoadLike
@@ -349,10 +349,6 @@ class StructureRun(MountRun):
 
     def __init__(self, motion: StructureMotion, tolerance: float, h: float) -> None:
         super().__init__(motion, tolerance, h, motion.first_kept)
-        #: Of the motion; where numbers are other, of it so.
-        self.modal = motion.modal
-        #: The same in the core, where numbers are other.
-        self._own_modes: tuple[_native.Handle, _native.Handle] | None = None
         #: Jump of the base, and of its velocity, where other loads begin.
         self.kick = np.zeros(2)
         if motion.follows.any():
@@ -360,34 +356,21 @@ class StructureRun(MountRun):
             found = self._found(0, 1, 1, np.zeros(0))
             self.state = self.state if found["reason"] else found["last"]
 
-    def shake(self, sign: int) -> None:
-        """The same: forces of loads and elements have other values, by 1 + 2 s."""
-        super().shake(sign)
-        begun, pushed = 1 + sign * self.shaken, 1 + 2 * self.shaken
-        modal = self.modal
-        self.modal = (
-            modal
-            | {name: begun * modal[name] for name in ("start", "start_rates", "start_others")}
-            | {
-                name: pushed * modal[name]
-                for name in ("pushed", "patterns", "waves", "right", "sine", "cosine")
-            }
-        )
-        self._own_modes = modes_in_core(self.modal)
+    @property
+    def _judged(self) -> npt.NDArray[np.intp]:
+        """The coordinates, without deflections."""
+        return np.arange(2 * self.motion.places.size)
 
-    def steps(self, n: int, want: Wanted, progress: bool) -> Trajectory:
-        """Make n steps."""
-        run = super().steps(n, want, progress)
-        if isinstance(run, StructureTrajectory):
-            return run
+    def _shaped(self, run: Trajectory) -> Trajectory:
+        """The run of chosen coordinates, and the deflections."""
+        run = super()._shaped(run)
         structure, places = self.motion.mount, self.motion.places
         own = 2 * places.size
-        run._resume.looks = [one[:own] for one in run._resume.looks]
         given = {name: getattr(run, name) for name in Trajectory.__dataclass_fields__}
         state, events = given.pop("state"), given.pop("events")
         return StructureTrajectory(
             **given, state=np.ascontiguousarray(state[:, :own]),
-            events=tuple(Passages(one.t, one.state[:, :own]) for one in events),
+            events=tuple(replace(one, state=one.state[:, :own]) for one in events),
             deflections=np.ascontiguousarray(state[:, own::2]),
             rates=np.ascontiguousarray(state[:, own + 1 :: 2]),
             _names=tuple(structure.dof_names[i] for i in places),
@@ -436,17 +419,15 @@ class StructureRun(MountRun):
         lines.insert(1, f"computes: {motion.loaded.told}")
         return "\n".join(lines)
 
+    def _given(self) -> tuple[str, tuple[_native.Handle, ...], dict[str, Any]]:
+        """The same of a structure."""
+        values = self._with_memory() | {"kick": self.kick}
+        return "motion of structure", (*self.motion._modes, self.motion._given), values
+
     def _found(self, count: int, every: int, columns: int, times: FloatArray) -> dict[str, Any]:
-        motion = self.motion
-        modes = self._own_modes or motion._modes
-        ends, made_by = self._mesh_arrays()
-        found = self._task(
-            "motion of structure", *modes, motion._given, long=self._takes_long(count),
-            count=count, every=every, columns=columns, times=times, nodes=NODES[self.method],
-            past=PASTS.index(self.past) + 1, kick=self.kick, shortest=self.shortest,
-            kinks=bool(self.kinks), t_end=self.reach, ends=ends, made_by=made_by,
-        )  # fmt: skip
-        phased = found["phased"][: 2 * motion.places.size]
+        """The same, and what phases of loads make of states."""
+        found = super()._found(count, every, columns, times)
+        phased = found["phased"][: 2 * self.motion.places.size]
         self.by_phases = max(self.by_phases, float(phased.max(initial=0.0)))
         return found
 

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import partial
 
 import numpy as np
 import numpy.typing as npt
@@ -14,7 +13,6 @@ import numpy.typing as npt
 from viscovib import _native
 from viscovib._native import FloatArray
 from viscovib.analyses.accuracy import Accuracy
-from viscovib.analyses.estimates import with_estimate
 from viscovib.analyses.events import Event, Watch
 from viscovib.analyses.hereditary import MountMotion
 from viscovib.analyses.memoryless import (
@@ -40,7 +38,7 @@ from viscovib.analyses.runs import (
     Run,
     Wanted,
 )
-from viscovib.analyses.step_search import by_tolerance
+from viscovib.analyses.step_search import by_tolerance, with_estimate
 from viscovib.analyses.structure_motion import (
     StructureMotion,
     goes_condensed,
@@ -267,14 +265,10 @@ def simulate(
                 f"most {MAX_FIRST_STEPS:g}: take a shorter run, slower loads or softer springs, or "
                 "give dt"
             )
-        free = want.every == 1 and want.keep == "all" and want.times is None
         n = want.every * math.ceil(n / want.every)
-        first = steps.make(end / n)
-        inside = first.inside
-        shaken = steps.shaken(n) if first.shaken else None
+        first = steps.first(n)
         try:
-            run = by_tolerance(steps.of(n), n, accuracy, dense=free, inside=inside, shaken=shaken)
-            return _heard(run)
+            return _heard(by_tolerance(first, n, end, want, accuracy, progress))
         except NotMetError:
             if steps.at_first == 1 and (first.layers.seen or not first.has_layers):
                 raise
@@ -284,9 +278,7 @@ def simulate(
             first.layers.seen = True
         else:
             steps, _ = prepared(_SHARPER)
-            shaken = steps.shaken(n) if first.shaken else None
-        run = by_tolerance(steps.of(n), n, accuracy, dense=free, inside=inside, shaken=shaken)
-        return _heard(run)
+        return _heard(by_tolerance(steps.first(n), n, end, want, accuracy, progress))
     return _heard(_with_step(steps, end, _native.number("dt", dt, " or 'auto'"), estimated))
 
 
@@ -401,10 +393,6 @@ def runs_of(
     return make, motion.first_steps(), 2 if motion.remembers else 1
 
 
-#: Looks on the way at runs that keep a part of it alone, and steps between two at least.
-_LOOKS, _BETWEEN = 24, 8
-
-
 @dataclass(frozen=True)
 class _Steps:
     """Runs in more and more steps, equal ones or such that end on corners of the loads."""
@@ -416,64 +404,25 @@ class _Steps:
     want: Wanted
     progress: bool
 
-    def of(
-        self, n: int, equal: int | None = None, shaken: int = 0, *, looking: bool = True
-    ) -> Callable[[int, int], Trajectory]:
-        """Runs of a factor times n steps, of which states of a part are kept."""
-        mesh, on_mesh = _mesh(
-            self.breaks, self.end, self.end / n, self.at_first, self.want, equal=equal
-        )
-
-        looks = 0
-        # Where all is kept nothing has to be looked at on the way.
-        if looking and (self.want.keep != "all" or self.want.times is not None):
-            count = n if mesh is None else mesh.count
-            # Odd: four of the first steps may be a period.
-            looks = max(min(_BETWEEN, count // 4), count // _LOOKS) | 1
-
-        def begun(h: float, factor: int) -> Run:
-            made = self.make(h)
-            if shaken or (factor > 1 and made.sharpens):
-                made = _changed(made, self.make, factor, shaken)
-            return made
-
-        def run(factor: int, parts: int) -> Trajectory:
-            if mesh is not None:
-                finer, kept = mesh.finer(factor), on_mesh
-                if parts > 1:
-                    kept = self.want.at(mesh.all_times(parts))
-                made = begun(finer.h, factor).on(finer)
-                made.look_every = looks * factor
-                made.looks = [made.state] if looks else []
-                return made.steps(finer.count, kept, self.progress)
-            steps = n * factor
-            if parts > factor:
-                kept = self.want.at(np.linspace(0.0, self.end, n * parts + 1))
-            else:
-                kept = self.want.finer(factor // parts)
-            made = begun(self.end / steps, factor)
-            made.goal = steps, self.end
-            made.look_every = looks * factor
-            made.looks = [made.state] if looks else []
-            return made.steps(steps, kept, self.progress)
-
+    def first(self, n: int) -> Run:
+        """The run at its start, in n steps, or in as many as loads with corners need."""
+        run = self.make(self.end / n)
+        mesh = self.mesh(n)
+        if mesh is not None:
+            return run.on(mesh)
+        run.goal = n, self.end
         return run
 
-    def shaken(self, n: int, equal: int | None = None) -> Callable[[int, int, int], Trajectory]:
-        """The same, of runs that are shaken; the last number is the sign of it."""
-        return lambda factor, parts, sign: self.of(n, equal, sign)(factor, parts)
-
-
-def _changed(run: Run, make: Maker, factor: int, sign: int) -> Run:
-    """A run that ``make`` made, as exact as its steps are short, and shaken where there is a sign.
-
-    It knows that it is, as some are made again.
-    """
-    run.sharpen(factor)
-    if sign:
-        run.shake(sign)
-    run.maker = lambda h: _changed(make(h), make, factor, sign)
-    return run
+    def mesh(self, n: int) -> Mesh | None:
+        """Where steps end, None if they are equal."""
+        if not self.breaks.size:
+            return None
+        mesh = Mesh.until(self.end, self.end / n, self.breaks, at_first=self.at_first)
+        if mesh.count > MAX_STEPS:
+            raise InputError(
+                f"force, base: takes {mesh.count:.1e} steps, must be at most {MAX_STEPS:g}"
+            )
+        return mesh
 
 
 def _with_step(steps: _Steps, end: float, step: float, estimated: bool) -> Trajectory:
@@ -483,8 +432,16 @@ def _with_step(steps: _Steps, end: float, step: float, estimated: bool) -> Traje
     if end / step > MAX_STEPS:
         raise InputError(f"dt = {step:g}: t_end / dt must be at most {MAX_STEPS:g}")
     n = math.ceil(end / step * (1 - 1e-12))
-    run = steps.of(n, equal=n, looking=estimated)
-    result = run(1, 1)
+    run, want = steps.first(n), steps.want
+    if run.mesh is not None and want.times is None and want.keep != "last":
+        # States are kept after equal steps, whatever the loads are.
+        times = np.multiply(np.arange(n + 1), end / n, dtype=float)
+        times[-1] = end
+        want = want.at(times[:: want.every])
+    if estimated:
+        result = with_estimate(run, n, end, want, steps.progress)
+    else:
+        result = run.steps(n if run.mesh is None else run.mesh.count, want, steps.progress)
     if result.resolution is not None and result.resolution > _ROUGH:
         warnings.warn(
             f"dt = {step:g}: steps do not resolve the motion (resolution "
@@ -492,50 +449,19 @@ def _with_step(steps: _Steps, end: float, step: float, estimated: bool) -> Traje
             ConvergenceWarning,
             stacklevel=caller(),
         )
-    told = None
+    passed = None
     # Parts of steps see layers.
     in_parts = result._resume is not None and result._resume.layers.seen
     if result.outcome == "completed":
-        told = result._pole_passed()
-        if told is None and not in_parts and _every_step(result.t, step):
+        passed = result._pole_passed()
+        if passed is None and not in_parts and _every_step(result.t, step):
             # Only states of every step tell what a step has passed.
-            told = result._layer_passed()
-    if told is not None:
-        warnings.warn(f"dt = {step:g}: {told}", ConvergenceWarning, stacklevel=caller())
-    if estimated:
-        shaken = None
-        if result._resume is not None and result._resume.shaken and not in_parts:
-            shaken = partial(steps.shaken(n, equal=n), 1, 1)
-        return with_estimate(result, lambda k: run(k, 1), shaken=shaken)
+            passed = result._layer_passed()
+    if passed is not None:
+        warnings.warn(f"dt = {step:g}: {passed}", ConvergenceWarning, stacklevel=caller())
     return result
 
 
 def _every_step(t: FloatArray, step: float) -> bool:
     """Whether the times are those of every step."""
     return t.size > 1 and bool(t[-1] - t[0] < 1.5 * step * (t.size - 1))
-
-
-def _mesh(
-    breaks: FloatArray,
-    end: float,
-    h: float,
-    at_first: int,
-    want: Wanted,
-    equal: int | None = None,
-) -> tuple[Mesh | None, Wanted]:
-    """Return where steps end, None if they are equal, and what is kept of them.
-
-    ``equal``: states are kept after so many equal steps, whatever the loads are.
-    """
-    if not breaks.size:
-        return None, want
-    mesh = Mesh.until(end, h, breaks, at_first=at_first)
-    if mesh.count > MAX_STEPS:
-        raise InputError(
-            f"force, base: takes {mesh.count:.1e} steps, must be at most {MAX_STEPS:g}"
-        )
-    if want.times is not None or want.keep == "last":
-        return mesh, want
-    times = mesh.all_times() if equal is None else np.multiply(np.arange(equal + 1), h, dtype=float)
-    times[-1] = end
-    return mesh, want.at(times[:: want.every])

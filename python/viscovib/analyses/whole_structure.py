@@ -26,7 +26,7 @@ from viscovib.analyses.memoryless import (
     PolynomialRun,
     polynomial_runs,
 )
-from viscovib.analyses.runs import Run, Wanted
+from viscovib.analyses.runs import Run
 from viscovib.analyses.structure_motion import StructureTrajectory
 from viscovib.common.past import Past
 from viscovib.errors import InputError
@@ -211,13 +211,6 @@ class WholeRun(PolynomialRun):
         self.places = places
         self.system = structure  # type: ignore[assignment]
 
-    def shake(self, sign: int) -> None:
-        """As of other systems, but a start on a rigid stop must stay there."""
-        places = self.state[::2]
-        super().shake(sign)
-        if self._n_stops:
-            self.state[::2] = places
-
     @property
     def has_layers(self) -> bool:
         """Whether there are laws."""
@@ -232,11 +225,16 @@ class WholeRun(PolynomialRun):
         belongs[begin : begin + 2 * self._n_stops] = False
         return belongs
 
-    def event_columns(self) -> npt.NDArray[np.int64]:
-        """Which columns of states of events are kept of others."""
+    @property
+    def _judged(self) -> npt.NDArray[np.intp]:
+        """The coordinates that are kept."""
         structure: Any = self.system
         places = np.arange(len(structure.dof_names)) if self.places is None else self.places
         return np.asarray((2 * places[:, np.newaxis] + [0, 1]).ravel())
+
+    def _search_values(self) -> dict[str, Any]:
+        """As of other systems, but a start on a rigid stop must stay there."""
+        return super()._search_values() | {"holds_places": self._n_stops > 0}
 
     @property
     def _n_stops(self) -> int:
@@ -245,16 +243,14 @@ class WholeRun(PolynomialRun):
         stops = [one.law for one in structure._all_elements if one.law is not None]
         return sum(law.text == "restitution" for law in stops)
 
-    def steps(self, n: int, want: Wanted, progress: bool) -> Trajectory:
-        """Make n steps."""
-        run = super().steps(n, want, progress)
+    def _shaped(self, run: Trajectory) -> Trajectory:
+        """The run of chosen coordinates, and the deflections."""
         structure: Any = self.system
         directions = structure._element_directions
         given = {name: getattr(run, name) for name in Trajectory.__dataclass_fields__}
         places = np.arange(len(structure.dof_names)) if self.places is None else self.places
-        columns = self.event_columns()
+        columns = self._judged
         given["state"] = run.state[:, columns]
-        run._resume.looks = [one[columns] for one in run._resume.looks]
         given["events"] = tuple(replace(one, state=one.state[:, columns]) for one in run.events)
         relative = run.state
         if self.motion is not None:

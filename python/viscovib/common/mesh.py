@@ -75,9 +75,14 @@ class Mesh:
     @property
     def shortest(self) -> float:
         """Shortest step of this run, and of one that goes on to the last break."""
+        return float(min(self.lengths.min(), self.later))
+
+    @property
+    def later(self) -> float:
+        """Shortest time between breaks after the end, infinite without any."""
         later = np.diff(self.breaks[self.breaks >= self.ends[-1]], prepend=self.ends[-1])
         later = later[later > _SAME * np.spacing(self.ends[-1])]
-        return float(min(self.lengths.min(), later.min(initial=math.inf)))
+        return float(later.min(initial=math.inf))
 
     def time(self, k: int) -> float:
         """Time after k steps."""

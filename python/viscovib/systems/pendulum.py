@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any, ClassVar
 
@@ -20,11 +20,6 @@ EQUATIONS = ("exact", "cubic", "printed")
 PARAMETERS = (
     "e", "w2", "w3", "alpha", "c1", "c2", "c3", "f0", "m01", "m02", "p1", "p2", "p3",
 )  # fmt: skip
-#: Which way each is changed to see what roundings become.
-_SHAKEN = {
-    "e": -1, "w2": 1, "w3": -1, "alpha": 1, "c1": 1, "c2": -1, "c3": 1,
-    "f0": 1, "m01": -1, "m02": 1,
-}  # fmt: skip
 
 #: What the equations take at most at a state (s).
 _SECONDS = 1e-6
@@ -126,17 +121,6 @@ class Pendulum:
     def _modes(self) -> dict[str, Any]:
         """Natural frequencies, mode shapes, r and z_r."""
         return _native.run("system pendulum_modes", self._handle)
-
-    def _shaken(self, part: float) -> Pendulum:
-        """One of which all numbers that are rounded are other by this part of them.
-
-        Either way, such that the body stays a rigid one. Frequencies of loads are not rounded:
-        phases are carried in two doubles.
-        """
-        return replace(
-            self,
-            **{name: getattr(self, name) * (1 + sign * part) for name, sign in _SHAKEN.items()},
-        )
 
     @classmethod
     def from_physical(

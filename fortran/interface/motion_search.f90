@@ -1,0 +1,111 @@
+!> A motion in time in steps that are found, or with the error of given steps, as a task.
+module viscovib_motion_search
+  use viscovib_kinds, only: i8, wp
+  use viscovib_piece_runs, only: new_piece_runs, piece_runs, shared_type
+  use viscovib_run_maker, only: transient_job
+  use viscovib_step_search, only: estimate_error, find_step, search_type, step_found
+  use viscovib_task, only: task_type
+  use viscovib_trajectory, only: trajectory_type
+  use viscovib_watch, only: n_told
+  implicit none
+  private
+
+  public :: search_step
+
+contains
+
+  !> Find the step of a motion, or (`estimate`) the error of one in `n_steps` steps, as
+  !! `viscovib_step_search` does. Given besides what its pieces are: what `new_piece_runs` takes;
+  !! `absolute`, `relative`: errors allowed, both 0: as a part of the size of the motion; `fills`:
+  !! so many states that peaks between them are low.
+  !!
+  !! Found: `verdict` (0: the step is found), `change`, `grown`, `error`; `t` (k) and `states` (m,
+  !! k), all rows; `last`, `memory` and what else a piece leaves; `step`, `factor`: by what it is
+  !! shorter than the first, `per_step`: states of each; `found`, `n_found`, `sides` and
+  !! `passage_errors` of events. Without a step: `coarse_t`, `coarse_states`, ... of the run before,
+  !! `looks`.
+  subroutine search_step(task, kind)
+    type(task_type), intent(inout) :: task
+    integer, intent(in) :: kind
+    type(shared_type), target :: shared
+    type(piece_runs) :: runs
+    type(transient_job) :: job
+    type(search_type) :: search
+
+    call new_piece_runs(runs, task, kind, shared)
+    if (task%failed()) return
+    job%t_end = runs%t_end
+    job%tolerance = task%get_real('absolute')
+    job%relative = task%get_real('relative')
+    job%save_every = int(min(runs%first%save_every, int(huge(1), i8)))
+    job%last_only = runs%last_only .or. runs%at_times .or. runs%tail > 0.0_wp
+    job%fills = task%get_flag('fills')
+    job%initial = runs%first%initial(runs%rows)
+    if (runs%first%is_watched) job%watched = runs%first%watched
+    if (task%failed()) return
+    if (task%get_flag('estimate')) then
+      call estimate_error(runs, job, runs%first%n_steps, search, task%status)
+    else
+      call find_step(runs, job, runs%first%n_steps, search, task%status)
+    end if
+    if (task%failed()) return
+    associate (found => task%found)
+      call found%put_integer('verdict', int(search%verdict, i8))
+      call found%put_real('change', search%change)
+      call found%put_real('grown', search%grown)
+      call found%put_integer('factor', int(search%factor, i8))
+      call found%put_integer('per_step', int(search%per_step, i8))
+      call found%put_integer('was_shaken', merge(1_i8, 0_i8, search%was_shaken))
+      call found%put_integer('in_parts', merge(1_i8, 0_i8, shared%in_parts))
+      call found%put_integer('past', int(shared%past, i8))
+      call found%put_real('shortest', shared%shortest)
+      call put_run(task, '', search%run)
+      if (search%verdict == step_found) return
+      if (.not. allocated(search%coarse%states)) return
+      call put_run(task, 'coarse_', search%coarse)
+      if (.not. allocated(search%run%looks)) return
+      call found%put_reals('looks', search%run%looks, shape(search%run%looks))
+    end associate
+  end subroutine search_step
+
+  subroutine put_run(task, prefix, run)
+    type(task_type), intent(inout) :: task
+    character(len=*), intent(in) :: prefix
+    type(trajectory_type), intent(inout) :: run
+    real(wp), allocatable :: found(:, :)
+    integer, allocatable :: sides(:)
+    integer :: n_found
+
+    call task%found%put_reals(prefix//'t', run%t, shape(run%t))
+    if (allocated(run%whole)) then
+      call task%found%put_reals(prefix//'states', run%whole, shape(run%whole))
+    else
+      call task%found%put_reals(prefix//'states', run%states, shape(run%states))
+    end if
+    call task%found%put_reals(prefix//'last', run%last, shape(run%last))
+    call task%found%put_real(prefix//'step', run%h)
+    call task%found%put_real(prefix//'reached', run%t_reached)
+    call task%found%put_integer(prefix//'ended', int(run%outcome, i8))
+    call task%found%put_integer(prefix//'made', run%n_steps)
+    if (prefix /= '') return
+    if (.not. allocated(run%memory)) allocate (run%memory(0))
+    call task%found%put_reals('memory', run%memory, shape(run%memory))
+    call task%found%put_integer('counted', run%counted)
+    call task%found%put_real('error', run%error)
+    call task%found%put_real('resolution', run%resolution)
+    call task%found%put_real('too_long', run%too_long)
+    call task%found%put_real('by_phases', run%by_phases)
+    call task%found%put_real('represented', run%represented)
+    if (.not. allocated(run%watch)) return
+    n_found = run%watch%n_found
+    allocate (found(n_told + 3*(size(run%last)/2), n_found), source=0.0_wp)
+    allocate (sides(3*size(run%watch%sides)), source=0)
+    call run%watch%hand_over(sides, found, n_found)
+    call task%found%put_reals('found', found, shape(found))
+    call task%found%put_integer('n_found', int(n_found, i8))
+    call task%found%put_integers('sides', sides, shape(sides))
+    if (.not. allocated(run%passage_errors)) return
+    call task%found%put_reals('passage_errors', run%passage_errors, shape(run%passage_errors))
+  end subroutine put_run
+
+end module viscovib_motion_search

@@ -1,0 +1,492 @@
+!> Runs of one motion, for the search of their step: each is a piece from the start to the end.
+module viscovib_piece_runs
+  use viscovib_fitted_memory, only: shared_error
+  use viscovib_hereditary, only: begun, no_exponentials, step_too_large
+  use viscovib_kinds, only: i8, wp
+  use viscovib_memory_pieces, only: run_structure, run_with_memory
+  use viscovib_mesh, only: mesh_type, new_mesh
+  use viscovib_motion_piece, only: as_before, piece_type
+  use viscovib_oscillator, only: oscillator_type
+  use viscovib_pendulum_job, only: part_of_numbers
+  use viscovib_plain_pieces, only: run_pendulum, run_polynomial
+  use viscovib_run_maker, only: run_maker, transient_job
+  use viscovib_simulate, only: run_coarse, run_completed, run_diverged, run_event
+  use viscovib_status, only: fail, set_ok, show, status_input_error, status_type
+  use viscovib_stopping, only: begin_piece
+  use viscovib_task, only: task_type
+  use viscovib_trajectory, only: shaken, trajectory_type
+  implicit none
+  private
+
+  public :: piece_runs, new_piece_runs, run_piece, shared_type
+
+  !> Kinds of pieces.
+  integer, parameter, public :: of_pendulum = 1, without_memory = 2, with_memory = 3, &
+                                of_structure = 4
+  !> How the past is kept.
+  integer, parameter :: direct = 2
+  !> Part of a step for which kernels are fitted where a run stops inside it.
+  real(wp), parameter :: fine = 2.0_wp**(-14)
+  !> Relative error to which equations are solved at best.
+  real(wp), parameter :: rounding = 1.0e-15_wp
+
+  !> What all runs of a search share: what one of them has met.
+  type :: shared_type
+    logical :: in_parts = .false.
+    real(wp) :: longest = 0.0_wp
+    integer :: past = 0
+    real(wp) :: shortest = 0.0_wp
+  end type shared_type
+
+  type, extends(run_maker) :: piece_runs
+    integer :: kind = 0
+    type(task_type), pointer :: task => null()
+    type(shared_type), pointer :: shared => null()
+    !> The first run, in `n_steps` steps to `t_end`; where steps end, if they are not equal.
+    type(piece_type) :: first
+    logical :: has_mesh = .false.
+    type(mesh_type) :: mesh
+    real(wp) :: t_end = 0.0_wp
+    !> What is kept: states at given times, the last one, or those of the last `tail`, 0: all;
+    !! whether states on the way are looked at.
+    logical :: at_times = .false., last_only = .false., looks = .false.
+    real(wp) :: tail = 0.0_wp
+    !> Rows of states by which runs are compared; how states at times are given.
+    integer, allocatable :: rows(:)
+    logical :: inside = .false., of_high_degree = .false.
+    !> Properties of the system and its method.
+    logical :: keeps_energy = .false., over_kinks = .false., sharpens = .false., fitted = .false., &
+               can_shake = .true., holds_places = .false.
+    !> Steps up to which all of the past may be kept where kernels are not sums of exponentials; the
+    !! shortest step of a run that goes on, 0: there is none.
+    integer(i8) :: most_direct = 0
+    real(wp) :: later = 0.0_wp
+  contains
+    procedure :: make
+    procedure :: make_shaken
+    procedure :: align
+    procedure :: renames
+    procedure :: goes_inside
+    procedure :: keeps_all
+    procedure :: goes_in_parts
+  end type piece_runs
+
+  !> One run: its steps and their length, the states wanted, where it begins, and its only or last
+  !! piece.
+  type :: course_type
+    integer(i8) :: steps = 0
+    integer :: factor = 1
+    real(wp) :: h = 0.0_wp, shortest = 0.0_wp
+    real(wp), allocatable :: times(:), start(:), memory(:)
+    type(piece_type) :: piece
+    !> Steps of that piece whose states are not wanted; whether the state at its end alone is left.
+    integer(i8) :: dropped = 0
+    logical :: cut_off = .false.
+  end type course_type
+
+contains
+
+  !> Run a piece.
+  subroutine run_piece(task, kind, piece)
+    type(task_type), intent(inout) :: task
+    integer, intent(in) :: kind
+    type(piece_type), intent(inout) :: piece
+    select case (kind)
+    case (of_pendulum)
+      call run_pendulum(task, piece)
+    case (without_memory)
+      call run_polynomial(task, piece)
+    case (with_memory)
+      call run_with_memory(task, piece)
+    case default
+      call run_structure(task, piece)
+    end select
+  end subroutine run_piece
+
+  !> What a search is given besides what a piece is: `t_end_of_run`; `at_times`, `last_only`,
+  !! `looks`, `tail`; `rows` (m): those of states by which runs are compared; `inside`,
+  !! `of_high_degree`, `keeps_energy`, `over_kinks`, `sharpens`, `fitted`, `can_shake`,
+  !! `holds_places`, `most_direct`, `later`.
+  subroutine new_piece_runs(runs, task, kind, shared)
+    type(piece_runs), intent(out) :: runs
+    type(task_type), intent(inout), target :: task
+    integer, intent(in) :: kind
+    type(shared_type), intent(inout), target :: shared
+
+    runs%kind = kind
+    runs%task => task
+    runs%shared => shared
+    call runs%first%read(task)
+    runs%t_end = task%get_real('t_end_of_run')
+    runs%at_times = task%get_flag('at_times')
+    runs%last_only = task%get_flag('last_only')
+    runs%looks = task%get_flag('looks')
+    runs%tail = task%get_real('tail')
+    allocate (runs%rows, source=task%get_integers('rows'))
+    runs%inside = task%get_flag('inside')
+    runs%of_high_degree = task%get_flag('of_high_degree')
+    runs%keeps_energy = task%get_flag('keeps_energy')
+    runs%over_kinks = task%get_flag('over_kinks')
+    runs%sharpens = task%get_flag('sharpens')
+    runs%fitted = task%get_flag('fitted')
+    runs%can_shake = task%get_flag('can_shake')
+    runs%holds_places = task%get_flag('holds_places')
+    runs%most_direct = task%get_long('most_direct')
+    runs%later = task%get_real('later')
+    if (task%failed()) return
+    if (kind /= of_pendulum) then
+      call runs%first%mesh(task, runs%mesh)
+      runs%has_mesh = runs%mesh%is_broken()
+    end if
+    shared%in_parts = runs%first%in_parts
+    shared%longest = runs%first%h
+    shared%past = runs%first%past
+  end subroutine new_piece_runs
+
+  !> A run as of `run_maker`; on a mesh its steps are those of the mesh.
+  subroutine make(self, job, n, factor, parts, trajectory, status)
+    class(piece_runs), intent(in) :: self
+    class(transient_job), intent(in) :: job
+    integer(i8), intent(in) :: n
+    integer, intent(in) :: factor, parts
+    type(trajectory_type), intent(out) :: trajectory
+    type(status_type), intent(out) :: status
+    type(course_type), target :: course
+
+    call begin_piece()
+    call set_ok(status)
+    course%factor = factor
+    course%steps = n*factor
+    if (self%has_mesh) course%steps = self%mesh%made_by(size(self%mesh%made_by))*factor
+    course%h = self%t_end/real(course%steps, wp)
+    if (self%has_mesh) course%h = self%first%h/real(factor, wp)
+    if (self%at_times) then
+      allocate (course%times, source=self%first%times)
+    else
+      call times_of(self, job, n, factor, parts, course%times)
+    end if
+    course%shortest = self%first%shortest
+    if (self%later > 0.0_wp) course%shortest = min(minval(self%mesh%h)/factor, self%later)
+    trajectory%h = course%h
+    do
+      call run_once(self, job, n, parts, course, trajectory, status)
+      if (status%failed()) return
+      if (self%kind == without_memory .or. .not. self%fitted) exit
+      if (self%shared%past == direct) exit
+      if (course%piece%ended /= run_diverged .and. course%piece%ended /= run_coarse) exit
+      if (course%shortest > 0.0_wp .and. course%shortest <= fine*course%h) exit
+      ! Where it stops is seen by steps that the exponentials were not fitted for.
+      course%shortest = fine*course%h
+    end do
+    self%shared%shortest = course%shortest
+    call take(self, course, trajectory)
+  end subroutine make
+
+  !> The run from its start; what is not kept of it is passed over first, unless events are looked
+  !! for.
+  subroutine run_once(self, job, n, parts, course, trajectory, status)
+    class(piece_runs), intent(in) :: self
+    class(transient_job), intent(in) :: job
+    integer(i8), intent(in) :: n
+    integer, intent(in) :: parts
+    type(course_type), intent(inout), target :: course
+    type(trajectory_type), intent(inout) :: trajectory
+    type(status_type), intent(out) :: status
+    real(wp), allocatable :: looks(:, :)
+    integer(i8) :: apart, between, skipped
+
+    call set_ok(status)
+    course%start = self%first%initial
+    if (self%first%sign /= 0) call shake(self, course%start)
+    course%piece = self%first
+    course%cut_off = .false.
+    apart = job%save_every*course%factor
+    between = job%steps_between_looks(n)*course%factor
+    if (self%has_mesh) between = job%steps_between_looks(course%steps/course%factor)*course%factor
+    skipped = 0
+    if (self%tail > 0.0_wp .and. size(course%times) == 0) then
+      skipped = course%steps - ceiling(min(self%tail/course%h, real(course%steps, wp)), i8)
+      skipped = max(skipped, 0_i8)/apart*apart
+    end if
+    course%dropped = 0
+    if (self%first%is_watched) course%dropped = skipped
+    if (skipped > course%dropped) then
+      call go(self, course, skipped, between, status)
+      if (status%failed()) return
+      looks = states_of(course%piece)
+      ! What was wanted lies beyond a stop: the state there is all there is.
+      course%cut_off = course%piece%ended /= run_completed
+      if (.not. course%cut_off) then
+        course%memory = course%piece%kept
+        course%start = course%piece%last
+        course%piece = self%first
+        course%piece%memory => course%memory
+        course%piece%resume = as_before
+        course%piece%first = skipped
+      end if
+    end if
+    if (.not. course%cut_off) then
+      apart = max(job%save_every*(course%factor/parts), 1)
+      if (self%last_only .or. size(course%times) > 0) apart = between
+      call go(self, course, course%steps - course%piece%first, apart, status)
+      if (status%failed()) return
+      if (course%piece%ended == run_completed) course%piece%t_reached = self%t_end
+    end if
+    if (.not. self%looks) return
+    if (.not. allocated(looks)) looks = states_of(course%piece)
+    if (allocated(trajectory%looks)) deallocate (trajectory%looks)
+    allocate (trajectory%looks(size(self%first%initial), size(looks, 2) + 1))
+    trajectory%looks(:, 1) = self%first%initial
+    trajectory%looks(:, 2:) = looks
+  end subroutine run_once
+
+  !> States that a piece has kept.
+  pure function states_of(piece) result(states)
+    type(piece_type), intent(in) :: piece
+    real(wp), allocatable :: states(:, :)
+    integer :: kept
+    kept = int(min(piece%n_done/piece%save_every, size(piece%states, 2, i8)))
+    allocate (states, source=piece%states(:, :kept))
+  end function states_of
+
+  !> So many steps on from where the piece begins, keeping a state after so many of them.
+  subroutine go(self, course, count, apart, status)
+    class(piece_runs), intent(in) :: self
+    type(course_type), intent(inout), target :: course
+    integer(i8), intent(in) :: count, apart
+    type(status_type), intent(out) :: status
+    do
+      associate (piece => course%piece)
+        piece%n_steps = count
+        piece%save_every = apart
+        piece%h = course%h
+        piece%factor = course%factor
+        piece%shortest = course%shortest
+        piece%past = self%shared%past
+        piece%in_parts = self%shared%in_parts
+        piece%thin = course%h/max(self%shared%longest, course%h)
+        if (self%sharpens) then
+          piece%tolerance = max(self%first%tolerance/real(course%factor, wp)**3, rounding)
+        end if
+      end associate
+      course%piece%initial => course%start
+      course%piece%times => course%times
+      ! Times are those of the last piece.
+      if (course%piece%first + count < course%steps) course%piece%times => course%times(:0)
+      call course%piece%make_room(int(count/apart))
+      call run_piece(self%task, self%kind, course%piece)
+      status = self%task%status
+      if (status%failed()) return
+      if (course%piece%reason == begun) exit
+      if (course%piece%reason == step_too_large) then
+        course%piece%ended = run_coarse
+        course%piece%n_done = 0
+        course%piece%last = course%start
+        exit
+      end if
+      call turn_direct(self, course%piece%reason, course%steps, status)
+      if (status%failed()) return
+      course%piece = self%first
+    end do
+    if (self%kind /= without_memory) return
+    associate (kept => course%piece%kept)
+      if (size(kept) > 1) then
+        self%shared%in_parts = self%shared%in_parts .or. kept(size(kept) - 1) > 0.5_wp
+      end if
+    end associate
+  end subroutine go
+
+  !> Keep all of the past where kernels are no sums of exponentials, or say why it cannot be kept.
+  subroutine turn_direct(self, reason, steps, status)
+    class(piece_runs), intent(in) :: self
+    integer, intent(in) :: reason
+    integer(i8), intent(in) :: steps
+    type(status_type), intent(out) :: status
+    call set_ok(status)
+    if (reason /= no_exponentials) then
+      call fail(status, status_input_error, 'held', 'held: a kernel has no integral, so what was ' &
+                //'held for ever would leave no force; must be None')
+    else if (self%most_direct == 0) then
+      call fail(status, status_input_error, 'memory', 'memory = "exponentials": a kernel is not ' &
+                //'a sum of exponentials (tables of points never are); must be "direct" or "auto"')
+    else if (steps > self%most_direct) then
+      call fail(status, status_input_error, 'memory', 'memory = "auto": a kernel is not a sum ' &
+                //'of exponentials, and '//show(int(steps))//' steps with the whole history are ' &
+                //'more than '//show(int(self%most_direct))//'; use memory="direct", or fit the ' &
+                //'kernel by sum_of_exponentials')
+    else
+      self%shared%past = direct
+    end if
+  end subroutine turn_direct
+
+  !> Times at which states are kept that are not at ends of equal steps; none: they are.
+  subroutine times_of(self, job, n, factor, parts, times)
+    class(piece_runs), intent(in) :: self
+    class(transient_job), intent(in) :: job
+    integer(i8), intent(in) :: n
+    integer, intent(in) :: factor, parts
+    real(wp), allocatable, intent(out) :: times(:)
+    type(mesh_type) :: mesh
+    integer(i8) :: count, i, k
+
+    if (self%last_only .or. .not. (self%has_mesh .or. parts > factor)) then
+      allocate (times(0))
+      return
+    end if
+    if (.not. self%has_mesh) then
+      allocate (times(n*parts + 1))
+      do i = 0, n*parts
+        times(i + 1) = real(i, wp)*(self%t_end/real(n*parts, wp))
+      end do
+      times(n*parts + 1) = self%t_end
+      return
+    end if
+    call new_mesh(mesh, self%first%h/real(parts, wp), self%mesh%ends, self%mesh%made_by*parts)
+    count = mesh%made_by(size(mesh%made_by))
+    allocate (times(count/job%save_every + 1))
+    do i = 1, size(times)
+      k = (i - 1)*job%save_every
+      times(i) = mesh%start_of(k)
+    end do
+    if (self%tail > 0.0_wp) then
+      times = pack(times, times >= times(size(times)) - self%tail*(1.0_wp + 1.0e-12_wp))
+    end if
+  end subroutine times_of
+
+  !> What a run leaves, from its only or last piece.
+  subroutine take(self, course, trajectory)
+    class(piece_runs), intent(in) :: self
+    type(course_type), intent(inout), target :: course
+    type(trajectory_type), intent(inout) :: trajectory
+    real(wp), allocatable :: states(:, :), kept(:, :)
+    integer :: i, n
+
+    associate (piece => course%piece)
+      trajectory%outcome = piece%ended
+      trajectory%n_steps = piece%first + piece%n_done
+      trajectory%t_reached = piece%t_reached
+      trajectory%last = piece%last
+      if (piece%ended == run_event .and. allocated(piece%watch)) then
+        n = size(piece%last)
+        trajectory%last = piece%watch%states(:n, piece%watch%n_found)
+      end if
+      if (size(course%times) > 0) then
+        states = piece%at_times(:, :piece%n_reached)
+        trajectory%t = course%times(:piece%n_reached)
+      else if (self%last_only .or. course%cut_off) then
+        states = reshape(trajectory%last, [size(piece%last), 1])
+        trajectory%t = [piece%t_reached]
+      else
+        kept = states_of(piece)
+        n = size(kept, 2)
+        allocate (states(size(piece%last), n + 1), trajectory%t(n + 1))
+        states(:, 1) = course%start
+        states(:, 2:) = kept
+        trajectory%t = [(real(piece%first + i*piece%save_every, wp)*course%h, i=0, n)]
+        ! The product is rounded.
+        if (piece%ended == run_completed .and. n*piece%save_every == piece%n_done) then
+          trajectory%t(n + 1) = self%t_end
+        end if
+        if (course%dropped > 0) then
+          i = int(min(course%dropped/piece%save_every, int(n, i8)))
+          trajectory%t = trajectory%t(i + 1:)
+          states = states(:, i + 1:)
+        end if
+      end if
+      if (size(self%rows) < size(states, 1)) then
+        trajectory%rows = self%rows
+        trajectory%states = states(self%rows, :)
+        if (allocated(trajectory%looks)) trajectory%looks = trajectory%looks(self%rows, :)
+        call move_alloc(states, trajectory%whole)
+      else
+        call move_alloc(states, trajectory%states)
+      end if
+      trajectory%too_long = piece%too_long
+      trajectory%resolution = piece%resolution
+      trajectory%counted = piece%counted
+      if (allocated(piece%phased)) trajectory%by_phases = maxval(piece%phased(self%rows))
+      if (allocated(piece%kept)) call move_alloc(piece%kept, trajectory%memory)
+      if (allocated(piece%watch)) call move_alloc(piece%watch, trajectory%watch)
+    end associate
+    trajectory%over_kinks = self%over_kinks
+    trajectory%keeps_energy = self%keeps_energy
+    trajectory%of_high_degree = self%of_high_degree
+    if (self%kind == without_memory .and. self%fitted) trajectory%represented = shared_error
+  end subroutine take
+
+  !> The start, other by `shaken`.
+  subroutine shake(self, start)
+    class(piece_runs), intent(in) :: self
+    real(wp), intent(inout) :: start(:)
+    real(wp) :: part
+    part = shaken
+    if (self%kind == of_pendulum) part = part_of_numbers
+    if (.not. self%holds_places) start(1::2) = start(1::2)*(1.0_wp + self%first%sign*part)
+    start(2::2) = start(2::2)*(1.0_wp + self%first%sign*part)
+  end subroutine shake
+
+  subroutine make_shaken(self, job, n, factor, sign, trajectory, status)
+    class(piece_runs), intent(in) :: self
+    class(transient_job), intent(in) :: job
+    integer(i8), intent(in) :: n
+    integer, intent(in) :: factor, sign
+    type(trajectory_type), intent(out) :: trajectory
+    type(status_type), intent(out) :: status
+    type(piece_runs) :: other
+    call set_ok(status)
+    if (self%shared%in_parts .or. .not. self%can_shake) return
+    select type (self)
+    type is (piece_runs)
+      other = self
+    end select
+    other%first%sign = sign
+    call other%make(job, n, factor, 1, trajectory, status)
+  end subroutine make_shaken
+
+  !> Whether the states of a body that turns far have an equivalent form.
+  logical function renames(self)
+    class(piece_runs), intent(in) :: self
+    class(oscillator_type), pointer :: system
+    renames = .false.
+    if (self%kind == of_pendulum .or. self%kind == of_structure) return
+    system => self%task%system()
+    renames = system%moving
+  end function renames
+
+  !> Of bodies with large rotations the equivalent rotation vector that is nearer.
+  subroutine align(self, run, like)
+    class(piece_runs), intent(in) :: self
+    type(trajectory_type), intent(inout) :: run, like
+    class(oscillator_type), pointer :: system
+    real(wp) :: u(size(run%states, 1)/2), v(size(run%states, 1)/2)
+    logical :: renamed
+    integer :: i
+
+    if (.not. self%renames()) return
+    system => self%task%system()
+    do i = 1, min(size(run%states, 2), size(like%states, 2))
+      u = run%states(1::2, i)
+      v = run%states(2::2, i)
+      call system%rename_state(u, v, renamed, like%states(1::2, i))
+      if (.not. renamed) cycle
+      run%states(1::2, i) = u
+      run%states(2::2, i) = v
+    end do
+  end subroutine align
+
+  logical function goes_inside(self)
+    class(piece_runs), intent(in) :: self
+    goes_inside = self%inside
+  end function goes_inside
+
+  logical function keeps_all(self)
+    class(piece_runs), intent(in) :: self
+    keeps_all = self%shared%past == direct
+  end function keeps_all
+
+  logical function goes_in_parts(self)
+    class(piece_runs), intent(in) :: self
+    goes_in_parts = self%shared%in_parts
+  end function goes_in_parts
+
+end module viscovib_piece_runs

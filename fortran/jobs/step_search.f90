@@ -1,0 +1,587 @@
+!> The step of a motion in time: halved until the states kept change by no more than is allowed.
+!!
+!! The difference of two runs, one with half the step size of the other, is the error of the
+!! coarser one, so the finer one is at least as exact as allowed. Other runs find what these two
+!! cannot show: what rounding errors grow to, by a system with numbers changed by 1e-12 (`shaken`), and errors
+!! that kinks of laws leave in both alike, by steps of another length.
+module viscovib_step_search
+  use viscovib_event_errors, only: differences_type, find_differences, tell_error
+  use viscovib_kinds, only: i8, wp
+  use viscovib_run_maker, only: run_maker, transient_job
+  use viscovib_simulate, only: run_coarse, run_completed, run_stopped
+  use viscovib_status, only: set_ok, status_type
+  use viscovib_trajectory, only: change_of, compare, grown_of, hopeless, max_halvings, off_of, &
+    risen, trajectory_type
+  implicit none
+  private
+
+  public :: estimate_error, find_step, search_type
+
+  !> How a search ends.
+  integer, parameter, public :: step_found = 0, step_not_met = 1, step_in_layer = 2, &
+                                step_grown = 3, step_too_many = 4
+
+  !> Bounds of steps and of numbers kept that stop a slip of the pen before it fills the memory or
+  !! the year.
+  real(wp), parameter, public :: max_steps = 1.0e12_wp, max_numbers = 2.0_wp**27
+  !> Steps before a stop that two runs must differ by: a first step with memory ends as the
+  !! second of half its length does, and what follows a step that fails is found by steps of
+  !! its own.
+  integer, parameter :: few = 4
+  !> Steps up to which a layer of a law is gone after.
+  real(wp), parameter :: most_for_layers = 65536.0_wp
+  !> What polynomials follow, as a part of what nodes see.
+  real(wp), parameter :: followed = 0.05_wp
+  !> Height of peaks between states kept above them, relative; states and parts of a step
+  !! that are kept for it at most.
+  real(wp), parameter :: peaks = 2.0e-3_wp, most_states = 1.0e5_wp
+  integer, parameter :: most_parts = 64
+  !> Parts of a step in which polynomials are compared: their degree, less 1 or 2, and the
+  !! coefficients of as high a difference.
+  integer, parameter :: high = 8
+  real(wp), parameter :: binomial(0:high) = [1.0_wp, -8.0_wp, 28.0_wp, -56.0_wp, 70.0_wp, &
+                                             -56.0_wp, 28.0_wp, -8.0_wp, 1.0_wp]
+  !> What halving the step gains inside steps that are short enough for the order to show, and by
+  !! how much it is taken to be less than seen.
+  real(wp), parameter :: gain_inside = 64.0_wp, less_sure = 8.0_wp
+  !> Part of a motion within which a run is near enough to it to tell what roundings become; what
+  !! a motion is left with where they do not grow.
+  real(wp), parameter :: near = 1.0e-3_wp, few_roundings = 64.0_wp*4.0_wp*epsilon(1.0_wp)
+  !> How far runs may differ on the way to a last state.
+  real(wp), parameter :: one_motion = 1.0e-6_wp
+  !> States that a run which stops keeps at least; halvings of the step by which these are made
+  !! exact, before they are given up.
+  integer, parameter :: states_at_stop = 100, halvings_at_stop = 6
+  !> How many times as large a motion is that has run away.
+  real(wp), parameter :: away = 10.0_wp
+
+  !> What a search has found.
+  type :: search_type
+    integer :: verdict = step_found
+    !> The run, with its error; where the step is not found: the last one, and the one before.
+    type(trajectory_type) :: run, coarse
+    !> Its change between two step sizes; what roundings have grown to.
+    real(wp) :: change = 0.0_wp, grown = 0.0_wp
+    !> By what its steps are shorter than the first, and states kept of each of them.
+    integer :: factor = 1, per_step = 1
+    !> Whether a run with other numbers has told what roundings grow to.
+    logical :: was_shaken = .false.
+  end type search_type
+
+  !> What roundings become along a motion, of each row of states (not allocated: not looked at), and
+  !! the first run that is near enough to tell, in steps shorter by the factor.
+  type :: growth_type
+    type(trajectory_type) :: run
+    integer :: factor = 0
+    real(wp), allocatable :: grown(:)
+  end type growth_type
+
+contains
+
+  !> Runs in ever smaller steps, n of them at first, until the tolerance is met.
+  subroutine find_step(maker, job, n, search, status)
+    class(run_maker), intent(in) :: maker
+    class(transient_job), intent(in) :: job
+    integer(i8), intent(in) :: n
+    type(search_type), intent(out) :: search
+    type(status_type), intent(out) :: status
+    type(trajectory_type) :: coarse, fine, before, ends
+    type(growth_type) :: growth
+    real(wp), allocatable :: lost(:)
+    real(wp) :: changes(max_halvings)
+    integer :: held, n_changes, parts, times
+    logical :: fills, done, met
+
+    fills = job%fills .and. job%save_every == 1 .and. .not. job%last_only
+    held = 1
+    if (fills .and. maker%goes_inside()) held = min(high, most_of_step(n))
+    call maker%make(job, n, 1, held, coarse, status)
+    if (status%failed()) return
+    if (coarse%outcome == run_stopped) then
+      search%run = coarse
+      return
+    end if
+    parts = 1
+    call coarse%thin(held, before)
+    if (held > 1) parts = max(2*held, parts_for_peaks(before))
+    n_changes = 0
+    do
+      if (cannot_be_made(2*search%factor)) exit
+      search%factor = 2*search%factor
+      call maker%make(job, n, search%factor, parts, fine, status)
+      if (status%failed()) return
+      search%run = fine
+      if (fine%outcome == run_stopped) return
+      call fine%thin(parts, ends)
+      call maker%align(before, ends)
+      call judge(maker, job, n, search%factor, before, ends, lost, search%change, met, status)
+      if (status%failed()) return
+      call look_at_growth(maker, job, n, before, ends, growth, met, search, status)
+      if (status%failed()) return
+      if (search%verdict /= step_found) then
+        call give_up()
+        return
+      end if
+      times = 0
+      if (met .and. fine%too_long > 1.0_wp) then
+        ! Two runs agree that have both missed a layer.
+        times = shorter_by(fine)
+      else if (met) then
+        call finish(maker, job, n, coarse, held, fine, parts, before, ends, search, done, status)
+        if (done .or. status%failed()) return
+      else
+        n_changes = n_changes + 1
+        changes(n_changes) = search%change
+        if (outruns(maker, coarse, fine)) exit
+        ! Halving gains nothing before what a law depends on is followed.
+        if (hopeless(changes(:n_changes)) .and. fine%outcome == run_completed &
+            .and. fine%too_long > followed) times = shorter_by(fine)
+        if (times > 0) n_changes = 0
+        if (hopeless(changes(:n_changes))) exit
+      end if
+      if (times > 0) then
+        if (real(n, wp)*search%factor*times > most_for_layers) then
+          search%verdict = step_in_layer
+          search%factor = search%factor*times
+          call give_up()
+          return
+        end if
+        search%factor = search%factor*times
+        call maker%make(job, n, search%factor, parts, fine, status)
+        if (status%failed()) return
+        call fine%thin(parts, ends)
+      end if
+      coarse = fine
+      before = ends
+      held = parts
+    end do
+    if (search%verdict == step_found) search%verdict = step_not_met
+    call give_up()
+
+  contains
+
+    !> The last two runs at ends of first steps, for whoever says why.
+    subroutine give_up()
+      if (.not. allocated(ends%states)) return
+      search%run = ends
+      search%coarse = before
+    end subroutine give_up
+
+    !> Whether so many times the steps are too many, or what is kept of them.
+    logical function cannot_be_made(factor)
+      integer, intent(in) :: factor
+      cannot_be_made = real(n, wp)*factor > max_steps
+      if (.not. job%last_only) then
+        cannot_be_made = cannot_be_made .or. real(n, wp)*parts/job%save_every &
+                         > max_numbers/size(coarse%states, 1)
+      end if
+      if (cannot_be_made .and. n_changes == 0) search%verdict = step_too_many
+    end function cannot_be_made
+
+  end subroutine find_step
+
+  !> By what steps are to be shorter for nodes to lie in layers: how thin one is shows as steps come
+  !! near it.
+  pure integer function shorter_by(run)
+    type(trajectory_type), intent(in) :: run
+    shorter_by = merge(2, 4, run%too_long <= 2.0_wp)
+  end function shorter_by
+
+  !> Difference of a run from a run with twice the step size, and whether both meet the tolerance.
+  !! Both runs may have the same error from a kink next to an end of all their steps. A run with one
+  !! more step for each first step has different ends of steps.
+  subroutine judge(maker, job, n, factor, coarse, fine, lost, change, met, status)
+    class(run_maker), intent(in) :: maker
+    class(transient_job), intent(in) :: job
+    integer(i8), intent(in) :: n
+    integer, intent(in) :: factor
+    type(trajectory_type), intent(inout) :: coarse, fine
+    !> As of `compare`.
+    real(wp), allocatable, intent(inout) :: lost(:)
+    real(wp), intent(out) :: change
+    logical, intent(out) :: met
+    type(status_type), intent(out) :: status
+    type(trajectory_type) :: other
+    real(wp) :: allowed(size(fine%states, 1)), apart
+    call set_ok(status)
+    apart = parted(maker, job, coarse, fine)
+    change = max(change_of(coarse, fine), apart)
+    if (change < huge(1.0_wp) .and. fine%outcome == run_completed) then
+      allowed = job%allowed(fine)
+      met = .not. apart > 0.0_wp .and. all(off_of(coarse, fine) <= allowed)
+    else
+      allowed = job%allowed_at_stop(fine)
+      met = change <= allowed(1) .and. (fine%n_steps == 0 .or. fine%n_steps >= few)
+    end if
+    if (.not. fine%over_kinks) return
+    if (met .and. allocated(lost)) then
+      call maker%make(job, n, factor + 1, 1, other, status)
+      if (status%failed()) return
+      call maker%align(other, fine)
+      lost = max(lost, off_of(other, fine))
+    end if
+    call compare(coarse, fine, allowed, lost, change, met)
+  end subroutine judge
+
+  !> What roundings have grown to counts, too: once, as rough as will do, and only where the runs at
+  !! hand do not tell it.
+  subroutine look_at_growth(maker, job, n, coarse, fine, growth, met, search, status)
+    class(run_maker), intent(in) :: maker
+    class(transient_job), intent(in) :: job
+    integer(i8), intent(in) :: n
+    type(trajectory_type), intent(inout) :: coarse, fine
+    type(growth_type), intent(inout) :: growth
+    logical, intent(in) :: met
+    type(search_type), intent(inout) :: search
+    type(status_type), intent(out) :: status
+    real(wp) :: allowed(size(fine%states, 1)), rise
+    call set_ok(status)
+    search%grown = 0.0_wp
+    if (growth%factor == 0 &
+        .and. (met .or. search%change <= near*maxval(abs(fine%states)))) then
+      growth%run = coarse
+      growth%factor = search%factor/2
+    end if
+    ! Runs before and after thin layers are met are not in the same parts of steps.
+    if (.not. met) return
+    if (.not. allocated(growth%grown)) then
+      if (maker%goes_in_parts()) return
+      rise = risen(coarse, fine)
+      if (rise < huge(1.0_wp)) then
+        search%grown = rise
+        search%change = max(search%change, rise)
+        return
+      end if
+      call grow(maker, job, n, growth%factor, growth%run, growth%grown, status)
+      if (status%failed() .or. .not. allocated(growth%grown)) return
+      if (.not. all(growth%grown < huge(1.0_wp)) .and. growth%factor /= search%factor) then
+        ! A coarse run may stop where a finer one does not.
+        call grow(maker, job, n, search%factor, fine, growth%grown, status)
+        if (status%failed() .or. .not. allocated(growth%grown)) return
+      end if
+    end if
+    search%grown = maxval(growth%grown)
+    search%change = max(search%change, search%grown)
+    allowed = job%allowed_at_stop(fine)
+    if (fine%outcome == run_completed) allowed = job%allowed(fine)
+    if (.not. all(growth%grown <= allowed)) search%verdict = step_grown
+  end subroutine look_at_growth
+
+  !> What roundings become along a run, of each row of states, by runs of a system with other
+  !! numbers; not allocated: there are none. What start and numbers bring may cancel: where it grows
+  !! both signs count.
+  subroutine grow(maker, job, n, factor, run, grown, status)
+    class(run_maker), intent(in) :: maker
+    class(transient_job), intent(in) :: job
+    integer(i8), intent(in) :: n
+    integer, intent(in) :: factor
+    type(trajectory_type), intent(inout) :: run
+    real(wp), allocatable, intent(out) :: grown(:)
+    type(status_type), intent(out) :: status
+    type(trajectory_type) :: other
+    integer :: sign
+    do sign = 1, -1, -2
+      call maker%make_shaken(job, n, factor, sign, other, status)
+      if (status%failed() .or. .not. allocated(other%states)) return
+      call maker%align(other, run)
+      if (sign == 1) then
+        allocate (grown, source=grown_of(run, other))
+      else
+        grown = max(grown, grown_of(run, other))
+      end if
+      if (all(grown <= few_roundings*maxval(abs(run%states)))) return
+    end do
+  end subroutine grow
+
+  !> By how much two runs that keep the last state alone differ on the way, where that tells that
+  !! they are not one motion, else 0: those that pass through chaos may end alike by chance.
+  real(wp) function parted(maker, job, coarse, fine) result(change)
+    class(run_maker), intent(in) :: maker
+    class(transient_job), intent(in) :: job
+    type(trajectory_type), intent(in) :: coarse, fine
+    type(trajectory_type) :: one, other
+    real(wp), allocatable :: off(:), allowed(:)
+    change = 0.0_wp
+    if (.not. (allocated(coarse%looks) .and. allocated(fine%looks))) return
+    if (size(coarse%looks, 2) /= size(fine%looks, 2) .or. size(fine%looks, 2) == 0) return
+    one%t = coarse%looks(1, :)
+    other%t = fine%looks(1, :)
+    allocate (one%states, source=coarse%looks)
+    allocate (other%states, source=fine%looks)
+    call maker%align(one, other)
+    allocate (off, source=maxval(abs(other%states - one%states), 2))
+    allocate (allowed, source=max(job%allowed(other), one_motion*maxval(abs(other%states), 2)))
+    if (any(off > allowed)) change = maxval(off)
+  end function parted
+
+  !> Whether the motion outruns its laws, where a step has as many parts at most, of any length: two
+  !! runs that could not follow it end at one place, far from where it began.
+  logical function outruns(maker, coarse, fine)
+    class(run_maker), intent(in) :: maker
+    type(trajectory_type), intent(in) :: coarse, fine
+    outruns = .false.
+    if (.not. maker%goes_in_parts() .or. size(fine%t) == 0) return
+    if (coarse%outcome /= run_coarse .or. fine%outcome /= run_coarse) return
+    outruns = min(coarse%t_reached, fine%t_reached) > coarse%h &
+              .and. abs(fine%t_reached - coarse%t_reached) <= coarse%h &
+              .and. maxval(abs(fine%states(:, size(fine%t)))) &
+              > away*maxval(abs(fine%states(:, 1)))
+  end function outruns
+
+  !> Of two runs that agree at ends of steps, the finer one with as many states as are wanted; not
+  !! `done`: those inside its steps are not exact enough, and steps are to be shorter.
+  subroutine finish(maker, job, n, coarse, held, fine, parts, before, ends, search, done, status)
+    class(run_maker), intent(in) :: maker
+    class(transient_job), intent(in) :: job
+    integer(i8), intent(in) :: n
+    !> The two runs, with the states that they keep of each first step; the same at ends of these.
+    type(trajectory_type), intent(inout) :: coarse, fine, before, ends
+    integer, intent(in) :: held, parts
+    type(search_type), intent(inout) :: search
+    logical, intent(out) :: done
+    type(status_type), intent(out) :: status
+    type(differences_type) :: differences
+    real(wp) :: beyond, inside
+    integer :: needed
+
+    call set_ok(status)
+    done = .true.
+    needed = 1
+    search%per_step = 1
+    if (ends%outcome /= run_completed) search%run = ends
+    if (job%fills .and. job%save_every == 1 .and. .not. (job%last_only .or. maker%keeps_all())) then
+      if (ends%outcome == run_completed) then
+        needed = parts_for_peaks(ends)
+      else
+        call fill_to_stop(maker, job, n, ends, search, status)
+        if (status%failed()) return
+      end if
+    end if
+    if (needed > parts) then
+      call maker%make(job, n, max(search%factor, needed), needed, search%run, status)
+      if (status%failed()) return
+      search%factor = max(search%factor, needed)
+    else if (ends%outcome == run_completed) then
+      call fine%thin(parts/needed, search%run)
+      if (needed > search%factor) then
+        call look_inside(maker, job, coarse, held, fine, parts, search%factor, ends, beyond, inside)
+        if (beyond <= 1.0_wp) then
+          search%per_step = needed/search%factor
+          search%change = max(search%change, inside)
+        else if (needed < 8*search%factor &
+                 .or. beyond > gain_inside**(log(0.25_wp*needed/search%factor)/log(2.0_wp))) then
+          call maker%make(job, n, needed, needed, search%run, status)
+          if (status%failed()) return
+          search%factor = needed
+        else
+          done = .false.
+          return
+        end if
+      end if
+    end if
+    call find_differences(before, ends, search%grown, .not. maker%renames(), differences)
+    call tell_error(search%run, before, search%change, differences, job%watched)
+  end subroutine finish
+
+  !> How exact states are that polynomials of steps give, by those of steps of twice the length at
+  !! all places that both keep: places further apart may be ends of steps alone.
+  subroutine look_inside(maker, job, coarse, held, fine, parts, factor, ends, beyond, error)
+    class(run_maker), intent(in) :: maker
+    class(transient_job), intent(in) :: job
+    type(trajectory_type), intent(in) :: coarse, fine, ends
+    integer, intent(in) :: held, parts, factor
+    !> Largest error relative to what is allowed, and the largest of all.
+    real(wp), intent(out) :: beyond, error
+    type(trajectory_type) :: one, other
+    real(wp), allocatable :: gain(:, :), off(:, :)
+    real(wp) :: allowed(size(fine%states, 1))
+    integer :: both, i, k, per, steps
+
+    both = min(held, parts)
+    call coarse%thin(held/both, one)
+    call fine%thin(parts/both, other)
+    call maker%align(one, other)
+    allocate (off, source=abs(other%states(:, 2:) - one%states(:, 2:)))
+    call gains(maker, coarse, 2*held/factor, fine, parts/factor, gain)
+    steps = size(gain, 2)
+    per = size(off, 2)/steps
+    do k = 1, steps
+      do i = (k - 1)*per + 1, k*per
+        off(:, i) = off(:, i)/gain(:, k)
+      end do
+    end do
+    allowed = max(job%allowed(ends), 1.0e-300_wp)
+    error = maxval(off)
+    beyond = maxval(maxval(off, 2)/allowed)
+  end subroutine look_inside
+
+  !> How much more exact polynomials are in steps of half the length at least, of each row and step
+  !! of the coarse run. Their errors go like their highest terms, which differences of as high an
+  !! order tell, of so many states a step; 1 where too few of them, or states that are renamed, tell
+  !! nothing.
+  subroutine gains(maker, coarse, per_coarse, fine, per_fine, gain)
+    class(run_maker), intent(in) :: maker
+    type(trajectory_type), intent(in) :: coarse, fine
+    integer, intent(in) :: per_coarse, per_fine
+    real(wp), allocatable, intent(out) :: gain(:, :)
+    real(wp), allocatable :: highest(:, :), less(:, :)
+    real(wp) :: both, most, seen
+    integer :: i, k
+
+    if (.not. maker%goes_inside() .or. maker%renames() .or. min(per_coarse, per_fine) < high &
+        .or. .not. coarse%of_high_degree) then
+      allocate (gain(size(fine%states, 1), 1), source=1.0_wp)
+      return
+    end if
+    call highest_terms(coarse%states(:, ::per_coarse/high), highest)
+    call highest_terms(fine%states(:, ::per_fine/high), less)
+    allocate (gain(size(highest, 1), size(highest, 2)))
+    do i = 1, size(highest, 1)
+      most = max(maxval(highest(i, :)), 1.0e-300_wp)
+      highest(i, :) = highest(i, :)/most
+      less(i, :) = less(i, :)/most
+    end do
+    do k = 1, size(highest, 2)
+      do i = 1, size(highest, 1), 2
+        ! Where the highest term of a velocity passes 0, that of its displacement does not.
+        both = max(hypot(less(i, 2*k - 1), less(i + 1, 2*k - 1)), &
+                   hypot(less(i, 2*k), less(i + 1, 2*k)))
+        seen = hypot(highest(i, k), highest(i + 1, k))/max(both, 1.0e-300_wp)
+        gain(i:i + 1, k) = merge(1.0_wp, seen/less_sure, seen < gain_inside)
+      end do
+    end do
+  end subroutine gains
+
+  !> Differences of order `high` of states, so many a step, of each step.
+  pure subroutine highest_terms(states, terms)
+    real(wp), intent(in) :: states(:, :)
+    real(wp), allocatable, intent(out) :: terms(:, :)
+    integer :: k
+    allocate (terms(size(states, 1), (size(states, 2) - 1)/high))
+    do k = 1, size(terms, 2)
+      terms(:, k) = abs(matmul(states(:, (k - 1)*high + 1:k*high + 1), binomial))
+    end do
+  end subroutine highest_terms
+
+  !> How many states a step must have for peaks between them to be low, a power of 2: a displacement
+  !! rises by at most |u''| d^2/8 between states d apart.
+  pure integer function parts_for_peaks(run) result(parts)
+    type(trajectory_type), intent(in) :: run
+    real(wp) :: needed, largest, rise
+    integer :: i, k, m
+
+    parts = 1
+    m = size(run%t)
+    if (m < 2) return
+    ! Rates over so short a time leave the range of numbers; so do peaks between states.
+    if (run%t(m) - run%t(1) < 1.0e-290_wp) return
+    needed = 1.0_wp
+    do i = 1, size(run%states, 1), 2
+      largest = maxval(abs(run%states(i, :)))
+      if (.not. largest > 0.0_wp) cycle
+      rise = 0.0_wp
+      do k = 2, m
+        ! Steps of a quarter period see curvatures smaller than they are.
+        rise = max(rise, abs(run%states(i + 1, k) - run%states(i + 1, k - 1)) &
+                   *(run%t(k) - run%t(k - 1)))
+      end do
+      needed = max(needed, 0.2_wp*rise/(peaks*largest))
+    end do
+    do while (parts < min(most_parts, most_of_step(int(m - 1, i8))) &
+              .and. needed > real(parts, wp)**2)
+      parts = 2*parts
+    end do
+  end function parts_for_peaks
+
+  !> How many states each of n steps may keep, a power of 2.
+  pure integer function most_of_step(n) result(most)
+    integer(i8), intent(in) :: n
+    most = 1
+    do while (most < most_parts .and. 2.0_wp*most*real(n, wp) <= most_states)
+      most = 2*most
+    end do
+  end function most_of_step
+
+  !> So many states of a run that stops that there is something to look at. Some of them are nearer
+  !! to the stop than all that were compared: where a motion runs away errors grow with it, so
+  !! they are compared with those of runs in shorter steps.
+  subroutine fill_to_stop(maker, job, n, run, search, status)
+    class(run_maker), intent(in) :: maker
+    class(transient_job), intent(in) :: job
+    integer(i8), intent(in) :: n
+    type(trajectory_type), intent(in) :: run
+    type(search_type), intent(inout) :: search
+    type(status_type), intent(out) :: status
+    type(trajectory_type) :: more, finer
+    real(wp) :: error
+    integer :: i, parts, steps
+
+    call set_ok(status)
+    search%run = run
+    parts = 1
+    do while (parts < most_parts .and. parts*max(size(run%t) - 1, 1) < states_at_stop)
+      parts = 2*parts
+    end do
+    if (parts == 1) return
+    steps = max(search%factor, parts)
+    call maker%make(job, n, steps, parts, finer, status)
+    do i = 1, halvings_at_stop
+      if (status%failed()) return
+      more = finer
+      steps = 2*steps
+      call maker%make(job, n, steps, parts, finer, status)
+      if (status%failed()) return
+      if (finer%outcome /= run%outcome) return
+      call maker%align(more, finer)
+      error = change_of(more, finer)
+      if (error > job%allowed_at_stop(finer)) cycle
+      search%change = max(search%change, error)
+      search%run = finer
+      search%factor = steps
+      return
+    end do
+  end subroutine fill_to_stop
+
+  !> A run in n steps and its error, by runs in half the steps, and over kinks also in a third of
+  !! them: runs with half the step size may have the same error from a kink next to the end of a
+  !! step. Errors decrease slowly there, so finer runs keep a large part of them with the same sign,
+  !! which their difference shows.
+  subroutine estimate_error(maker, job, n, search, status)
+    class(run_maker), intent(in) :: maker
+    class(transient_job), intent(in) :: job
+    integer(i8), intent(in) :: n
+    type(search_type), intent(out) :: search
+    type(status_type), intent(out) :: status
+    type(trajectory_type) :: half, third
+    type(differences_type) :: differences
+    real(wp), allocatable :: grown(:)
+
+    call maker%make(job, n, 1, 1, search%run, status)
+    if (status%failed() .or. search%run%outcome == run_stopped) return
+    call maker%make(job, n, 2, 1, half, status)
+    if (status%failed()) return
+    call maker%align(half, search%run)
+    search%change = change_of(search%run, half)
+    if (search%run%over_kinks) then
+      call maker%make(job, n, 3, 1, third, status)
+      if (status%failed()) return
+      call maker%align(third, search%run)
+      search%change = max(search%change, change_of(search%run, third))
+      if (search%change < huge(1.0_wp)) search%change = search%change + change_of(half, third)
+    end if
+    if (.not. maker%goes_in_parts()) then
+      search%grown = risen(search%run, half)
+      if (.not. search%grown < huge(1.0_wp)) then
+        call grow(maker, job, n, 1, search%run, grown, status)
+        if (status%failed()) return
+        search%was_shaken = allocated(grown)
+        search%grown = 0.0_wp
+        if (search%was_shaken) search%grown = maxval(grown)
+      end if
+      search%change = max(search%change, search%grown)
+    end if
+    call find_differences(half, search%run, search%grown, .not. maker%renames(), differences)
+    call tell_error(search%run, half, search%change, differences, job%watched)
+  end subroutine estimate_error
+
+end module viscovib_step_search
