@@ -109,6 +109,7 @@ contains
     end if
     too_long = 0.0_wp
     piece%last = initial
+    run%gives_up = piece%gives_up
     if (piece%reason == begun) then
       if (size(dofs) == n) then
         if (piece%is_watched) call piece%begin_watch(run%n_observed())
@@ -272,6 +273,7 @@ contains
     too_long = 0.0_wp
     if (piece%reason == begun) then
       if (piece%is_watched) call piece%begin_watch(run%n_observed())
+      run%gives_up = piece%gives_up
       call run_hereditary(run, system, load, base, piece%first, piece%n_steps, piece%save_every, &
                           piece%times, piece%states, piece%at_times, piece%n_done, &
                           piece%n_reached, piece%t_reached, piece%ended, mesh, &

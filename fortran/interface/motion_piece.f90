@@ -35,6 +35,8 @@ module viscovib_motion_piece
     integer :: past = 0
     real(wp) :: shortest = 0.0_wp
     logical :: kinks = .false.
+    !> Whether a step with memory that is too large ends it, wherever inside the motion may stop.
+    logical :: gives_up = .false.
     real(wp), pointer, contiguous :: initial(:), times(:), memory(:)
     real(wp), allocatable :: states(:, :), at_times(:, :), last(:), kept(:), phased(:)
     integer(i8) :: n_done = 0, counted = 0

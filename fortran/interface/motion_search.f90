@@ -44,6 +44,7 @@ contains
     if (runs%first%is_watched) job%watched = runs%first%watched
     if (task%failed()) return
     if (task%get_flag('estimate')) then
+      job%dt = runs%first%h
       call estimate_error(runs, job, runs%first%n_steps, search, task%status)
     else
       call find_step(runs, job, runs%first%n_steps, search, task%status)

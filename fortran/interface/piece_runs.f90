@@ -9,7 +9,7 @@ module viscovib_piece_runs
   use viscovib_oscillator, only: oscillator_type
   use viscovib_pendulum_job, only: part_of_numbers
   use viscovib_plain_pieces, only: run_pendulum, run_polynomial
-  use viscovib_run_maker, only: run_maker, transient_job
+  use viscovib_run_maker, only: located_from, run_maker, transient_job
   use viscovib_simulate, only: run_coarse, run_completed, run_diverged, run_event
   use viscovib_status, only: fail, set_ok, show, status_input_error, status_type
   use viscovib_stopping, only: begin_piece
@@ -175,6 +175,7 @@ contains
       if (self%shared%past == direct) exit
       if (course%piece%ended /= run_diverged .and. course%piece%ended /= run_coarse) exit
       if (course%shortest > 0.0_wp .and. course%shortest <= fine*course%h) exit
+      if (course%piece%ended == run_coarse .and. course%piece%gives_up) exit
       ! Where it stops is seen by steps that the exponentials were not fitted for.
       course%shortest = fine*course%h
     end do
@@ -199,6 +200,8 @@ contains
     course%start = self%first%initial
     if (self%first%sign /= 0) call shake(self, course%start)
     course%piece = self%first
+    ! Steps of a search that are too large become shorter anyway.
+    course%piece%gives_up = job%dt <= 0.0_wp .and. course%factor < located_from
     course%cut_off = .false.
     apart = job%save_every*course%factor
     between = job%steps_between_looks(n)*course%factor
@@ -213,13 +216,14 @@ contains
     if (skipped > course%dropped) then
       call go(self, course, skipped, between, status)
       if (status%failed()) return
-      looks = states_of(course%piece)
+      allocate (looks, source=states_of(course%piece))
       ! What was wanted lies beyond a stop: the state there is all there is.
       course%cut_off = course%piece%ended /= run_completed
       if (.not. course%cut_off) then
         course%memory = course%piece%kept
         course%start = course%piece%last
         course%piece = self%first
+        course%piece%gives_up = job%dt <= 0.0_wp .and. course%factor < located_from
         course%piece%memory => course%memory
         course%piece%resume = as_before
         course%piece%first = skipped
@@ -233,7 +237,7 @@ contains
       if (course%piece%ended == run_completed) course%piece%t_reached = self%t_end
     end if
     if (.not. self%looks) return
-    if (.not. allocated(looks)) looks = states_of(course%piece)
+    if (.not. allocated(looks)) allocate (looks, source=states_of(course%piece))
     if (allocated(trajectory%looks)) deallocate (trajectory%looks)
     allocate (trajectory%looks(size(self%first%initial), size(looks, 2) + 1))
     trajectory%looks(:, 1) = self%first%initial
@@ -377,7 +381,7 @@ contains
         states = reshape(trajectory%last, [size(piece%last), 1])
         trajectory%t = [piece%t_reached]
       else
-        kept = states_of(piece)
+        allocate (kept, source=states_of(piece))
         n = size(kept, 2)
         allocate (states(size(piece%last), n + 1), trajectory%t(n + 1))
         states(:, 1) = course%start

@@ -17,6 +17,7 @@ module viscovib_hereditary_job
   use viscovib_plan_text, only: tell_idle, tell_laws, tell_zeros
   use viscovib_polynomial, only: polynomial_type
   use viscovib_reduction, only: moved_coordinates, reduce, state_mask
+  use viscovib_run_maker, only: located_from
   use viscovib_simulate, only: run_coarse, run_diverged, run_event
   use viscovib_status, only: fail, set_ok, show, status_input_error, status_type, things
   use viscovib_time_load, only: time_load_type
@@ -251,6 +252,7 @@ contains
         trajectory%outcome = run_coarse
         exit
       end if
+      run%gives_up = job%dt <= 0.0_wp .and. factor < located_from
       call run_hereditary(run, self%system, self%load, base, 0_i8, steps, every, no_times, states, &
                           no_states, trajectory%n_steps, reached, trajectory%t_reached, &
                           trajectory%outcome, watch=trajectory%watch, thinnest=thinnest)
@@ -258,6 +260,7 @@ contains
       trajectory%by_phases = maxval(run%phase_errors())
       if (trajectory%outcome /= run_diverged .and. trajectory%outcome /= run_coarse) exit
       if (allocated(shortest) .or. size(self%system%kernels) == 0) exit
+      if (trajectory%outcome == run_coarse .and. run%gives_up) exit
       ! Where it stops is seen by steps that the exponentials were not fitted for.
       shortest = scale(trajectory%h, -14)
       if (allocated(job%watched)) call new_watch(trajectory%watch, job%watched, n_dof=size(u))

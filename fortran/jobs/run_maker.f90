@@ -11,6 +11,9 @@ module viscovib_run_maker
   real(wp), parameter :: rounding = 1.0e-15_wp
   !> Looks on the way to a last state, first steps between two.
   integer(i8), parameter :: most_looks = 24_i8, least_between = 8_i8
+  !> By what steps are shorter than the first from which on a motion that stops is followed to
+  !! its stop: those before are given up where they are too large.
+  integer, parameter, public :: located_from = 4
   !> Error that is wanted if none is given, as a part of the size of the motion.
   real(wp), parameter, public :: part_of_size = 1.0e-10_wp
 

@@ -2,8 +2,8 @@
 !!
 !! The difference of two runs, one with half the step size of the other, is the error of the
 !! coarser one, so the finer one is at least as exact as allowed. Other runs find what these two
-!! cannot show: what rounding errors grow to, by a system with numbers changed by 1e-12 (`shaken`), and errors
-!! that kinks of laws leave in both alike, by steps of another length.
+!! cannot show: what rounding errors grow to, by a system with numbers changed by 1e-12 (`shaken`),
+!! and errors that kinks of laws leave in both alike, by steps of another length.
 module viscovib_step_search
   use viscovib_event_errors, only: differences_type, find_differences, tell_error
   use viscovib_kinds, only: i8, wp
@@ -64,7 +64,7 @@ module viscovib_step_search
     real(wp) :: change = 0.0_wp, grown = 0.0_wp
     !> By what its steps are shorter than the first, and states kept of each of them.
     integer :: factor = 1, per_step = 1
-    !> Whether a run with other numbers has told what roundings grow to.
+    !> Whether a run with other numbers has shown what roundings grow to.
     logical :: was_shaken = .false.
   end type search_type
 

@@ -119,6 +119,9 @@ contains
       if (made) call run%step(system, load, first + i - 1, now, made)
       if (.not. made) then
         trusted = run%doubtful
+        outcome = run_coarse
+        t_reached = from
+        if (run%gives_up .and. .not. trusted) return
         call stop_hereditary(run, system, load, first + i - 1, from, now, t_reached, outcome)
         if (outcome == run_coarse .and. trusted) then
           run%trusted = .true.

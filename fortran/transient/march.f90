@@ -17,6 +17,8 @@ module viscovib_march
     !> The last step was not made only because it may have passed an escape to infinity;
     !! the next one is made all the same.
     logical :: doubtful = .false., trusted = .false.
+    !> Whether a run ends where a step is too large, without a search for where inside it stops.
+    logical :: gives_up = .false.
   contains
     procedure(step_interface), deferred :: step
     procedure(enter_interface), deferred :: enter

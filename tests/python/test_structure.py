@@ -4,6 +4,7 @@ import pickle
 
 import numpy as np
 import pytest
+import scipy.linalg
 import viscovib as vv
 from viscovib._native import ComplexArray, FloatArray
 
@@ -527,3 +528,28 @@ def test_an_indefinite_sparse_mass_is_refused(seed):
     matrices = {"mass": csr_array(mass), "stiffness": csr_array(np.eye(8))}
     with pytest.raises(vv.InputError, match="mass: must be"):
         vv.forced_response(vv.Structure(**matrices), [0.5], load={"x1": 1.0}, method="linear")
+
+
+def test_natural_frequencies_are_those_of_the_linear_part():
+    """Of random structures, by LAPACK with coordinates without mass condensed."""
+    rng = np.random.default_rng(4)
+    for _ in range(20):
+        n, free = int(rng.integers(1, 7)), int(rng.integers(0, 2))
+        root = rng.normal(size=(n + free, n + free))
+        stiffness = root @ root.T + 0.1 * np.eye(n + free)
+        mass = np.diag(np.r_[rng.uniform(0.5, 2, n), np.zeros(free)])
+        linear = rng.uniform(0, 1)
+        structure = vv.Structure(
+            mass=mass, stiffness=stiffness, damping=0.02 * mass,
+            elements=[vv.Spring(on="x1", law=f"{linear!r}*d + d^3")],
+        )  # fmt: skip
+        whole = stiffness.copy()
+        whole[0, 0] += linear
+        kept, left = slice(0, n), slice(n, None)
+        bent = whole[kept, kept] - whole[kept, left] @ np.linalg.solve(
+            whole[left, left], whole[left, kept]
+        )
+        true = np.sqrt(scipy.linalg.eigvalsh(bent, mass[kept, kept]))
+        np.testing.assert_allclose(structure.natural_frequencies(), true, rtol=1e-10)
+    unstable = vv.Structure(mass=[2.0], stiffness=[[-8.0]])
+    assert unstable.natural_frequencies() == pytest.approx([-2.0])

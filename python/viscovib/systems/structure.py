@@ -490,6 +490,26 @@ class Structure:
         """Quality of a reduced structure (`systems.reduction.Reduction`); None for a full one."""
         return None if self._reduced is None else self._reduced.reduction
 
+    def natural_frequencies(self) -> FloatArray:
+        """Undamped natural circular frequencies at rest without memory (rad/s), ascending.
+
+        Elements count with their linear stiffness. Negative: rest is unstable and the motion grows
+        like exp(|omega| t). Coordinates without mass have no frequency.
+
+        Returns
+        -------
+        ndarray, shape (n_modes,)
+
+        Examples
+        --------
+        >>> import viscovib as vv
+        >>> chain = vv.Structure(mass=[1, 1], stiffness=[[2, -1], [-1, 2]])
+        >>> chain.natural_frequencies().round(6)
+        array([1.      , 1.732051])
+        """
+        squares = np.sort(self._free.condensation.rest.squares)
+        return np.asarray(np.sign(squares) * np.sqrt(np.abs(squares)))
+
     def characteristic_roots(
         self, count: int | None = None, *, layers: Sequence[tuple[Any, Kernel]] = ()
     ) -> "CharacteristicRoots":
