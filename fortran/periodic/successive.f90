@@ -49,6 +49,8 @@ module viscovib_successive
   !! themselves.
   integer, parameter :: finer = 4
   real(wp), parameter :: safety = 2.0_wp
+  !> Orders left out that are this small, in the error allowed, need no second turn.
+  real(wp), parameter :: far_below = 1.0e-3_wp
 
 contains
 
@@ -170,7 +172,8 @@ contains
 
   !> What the orders left out would change: two turns with `more` of them from the motion
   !! found, the first of which finds them and the second what they do to the others, which
-  !! then goes on by the rate of the iteration. Beside kinks those beyond `more` count too. Of
+  !! then goes on by the rate of the iteration. Where the first finds far less than allowed, that
+  !! rate replaces the second. Beside kinks those beyond `more` count too. Of
   !! forces that are no polynomials the first also finds what too few samples have made of the
   !! others.
   subroutine judge_chunk(system, load, more, work, response, first, last, fraction, compliance)
@@ -183,7 +186,7 @@ contains
     complex(wp), intent(in) :: fraction(:, :, :), compliance(:, :, :, :)
     !> Sizes of the motion, of what the first turn finds, of its change in the second, and of the
     !! changes of the orders kept by these and by samples.
-    real(wp), dimension(n_lanes) :: whole, found, rest, back, aliased
+    real(wp), dimension(n_lanes) :: whole, found, rest, back, aliased, rate
     real(wp), allocatable :: kept(:, :, :, :)
     complex(wp) :: p(system%n_dof())
     integer :: lane, i, k, m, at
@@ -226,11 +229,26 @@ contains
       kept = work%next(:, :, :m, :)
       aliased = 0.0_wp
       if (.not. system%degree > 0) aliased = safety*lane_norm(system, kept - work%u(:, :, :m, :))
-      call nonlinear_force(work, system, more)
-      call solve_lanes(work)
-      rest = lane_norm(system, work%next(:, :, m + 1:, :) - work%u(:, :, m + 1:, :))
-      ! Against the first turn, and so without what the iteration has left.
-      back = lane_norm(system, work%next(:, :, :m, :) - kept)
+      rate = 0.0_wp
+      do lane = 1, n_lanes
+        at = work%point(lane)
+        if (at == 0) cycle
+        rate(lane) = response%rate(at)
+        associate (x => response%coefficients(:, :, at))
+          whole(lane) = whole(lane) &
+                        *share_of_motion(system, load, 1.0_wp, response%orders, rows_of(x))
+        end associate
+      end do
+      if (kinked .or. any(work%point > 0 .and. .not. is_far_below())) then
+        call nonlinear_force(work, system, more)
+        call solve_lanes(work)
+        rest = lane_norm(system, work%next(:, :, m + 1:, :) - work%u(:, :, m + 1:, :))
+        ! Against the first turn, and so without what the iteration has left.
+        back = lane_norm(system, work%next(:, :, :m, :) - kept)
+      else
+        rest = rate*found
+        back = rate*found
+      end if
       do lane = 1, n_lanes
         at = work%point(lane)
         if (at == 0 .or. .not. whole(lane) > 0.0_wp) cycle
@@ -240,14 +258,23 @@ contains
         reach = 1.0_wp
         if (kinked) call kinked_tail(system, rows_of(response%coefficients(:, :, at)), &
                                      more%orders, found(lane), reach, short)
-        back(lane) = (back(lane)*short + aliased(lane))/max(1.0_wp - response%rate(at), stagnant)
-        associate (x => response%coefficients(:, :, at))
-          whole(lane) = whole(lane) &
-                        *share_of_motion(system, load, 1.0_wp, response%orders, rows_of(x))
-        end associate
+        back(lane) = (back(lane)*short + aliased(lane))/max(1.0_wp - rate(lane), stagnant)
         response%truncation(at) = max(found(lane)*reach, back(lane))/whole(lane)
       end do
     end do
+
+  contains
+
+    !> Whether a second turn at most as bad as any would leave a lane far below what is allowed.
+    pure function is_far_below()
+      logical :: is_far_below(n_lanes)
+      real(wp) :: allowed(n_lanes)
+      allowed = 0.0_wp
+      where (work%point > 0) allowed = response%allowed(max(work%point, 1))
+      is_far_below = (found/(1.0_wp - slowest) + aliased)/max(1.0_wp - rate, stagnant) &
+                     <= far_below*allowed*whole
+    end function is_far_below
+
   end subroutine judge_chunk
 
   !> Real and imaginary parts by turns, shape (2 n_orders, n_dof).
