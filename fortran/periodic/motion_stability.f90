@@ -80,7 +80,7 @@ module viscovib_motion_stability
   contains
     procedure :: judge
     procedure :: follow
-    procedure :: none_grows
+    procedure :: grows_alike
     procedure, private :: by_condensed
     procedure, private :: by_floquet
     procedure, private :: by_hill
@@ -212,32 +212,38 @@ contains
     end if
   end subroutine follow
 
-  !> True if it is certain that no disturbance of a solution grows, by a count alone: its exponents
-  !! are not sought.
-  logical function none_grows(self, system, nu, x, near)
+  !> True if it is certain, by a count alone, that as many perturbations of a solution grow as of
+  !! its neighbour, and an odd or even number of them with its period: exponents are not sought.
+  logical function grows_alike(self, system, nu, x, near, n_growing, n_above_one)
     class(judge_type), intent(inout) :: self
     class(oscillator_type), intent(in) :: system
     real(wp), intent(in) :: nu, x(:, :)
-    !> Exponents of a neighbour (1/s), NaN for none.
+    !> Exponents of the neighbour (1/s), NaN for none.
     complex(wp), intent(in) :: near(:)
+    !> Of the neighbour: those that grow, and those of them with a real multiplier above 1.
+    integer, intent(in) :: n_growing, n_above_one
     type(hill_path_type) :: path
     integer :: counted
 
-    none_grows = .false.
+    grows_alike = .false.
     if (self%kinked .or. self%jumps) return
     if (allocated(self%condensed)) then
-      if (self%modal .and. .not. self%counted) return
+      if (n_growing > 0 .or. (self%modal .and. .not. self%counted)) return
       select type (system)
       class is (structure_type)
-        none_grows = self%condensed%none_grows(system, nu, x)
+        grows_alike = self%condensed%none_grows(system, nu, x)
       end select
     else if (self%remembers) then
+      ! The determinant at 0 is real, and 1 far right.
+      if (n_growing > 0 .and. system%kernel_without_integral() /= 0) return
       call self%hill%along(system, nu, x)
       call new_hill_path(path, self%hill, system)
       call count_right(self%hill, system, near, path, counted)
-      none_grows = counted == 0
+      grows_alike = counted == n_growing
+      if (.not. grows_alike .or. n_growing == 0) return
+      grows_alike = modulo(n_above_one, 2) == merge(1, 0, real(path%value(1)) < 0.0_wp)
     end if
-  end function none_grows
+  end function grows_alike
 
   !> By the argument principle on the determinant of the elements.
   subroutine by_condensed(self, system, nu, x, stability, jumps, decaying, cancel)

@@ -56,12 +56,7 @@ contains
       if (look /= doubtful) cycle
       call motions_beside(system, x(:, :, i), as_far*truncation(i), beside)
       do k = 1, n_beside, 2
-        if (stability%n_growing(i) == 0) then
-          if (judge%none_grows(system, nu(i), beside(:, :, k), stability%exponents(:, i))) then
-            if (judge%none_grows(system, nu(i), beside(:, :, k + 1), &
-                                 stability%exponents(:, i))) cycle
-          end if
-        end if
+        if (by_count(k) .and. by_count(k + 1)) cycle
         call judge%judge(system, [nu(i), nu(i)], beside(:, :, k:k + 1), others, cancel, &
                          stability%exponents(:, i))
         if (given_up(cancel)) return
@@ -70,6 +65,21 @@ contains
         exit
       end do
     end do
+
+  contains
+
+    !> Whether a count alone shows that a motion nearby is like motion i.
+    logical function by_count(k)
+      integer, intent(in) :: k
+      associate (exponents => stability%exponents(:, i))
+        by_count = stability%n_growing(i) == 0
+        if (.not. by_count) by_count = .not. ieee_is_nan(real(exponents(1)))
+        if (by_count) by_count = judge%grows_alike(system, nu(i), beside(:, :, k), exponents, &
+                                                   stability%n_growing(i), &
+                                                   n_above_one(exponents, nu(i)))
+      end associate
+    end function by_count
+
   end subroutine doubt_motions
 
   !> The same along a curve, whose system may change.
