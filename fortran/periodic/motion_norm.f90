@@ -7,7 +7,7 @@ module viscovib_motion_norm
   implicit none
   private
 
-  public :: newton_factors, share_of_motion, weighted_norm
+  public :: largest_norm, newton_factors, share_of_motion, weighted_norm
 
   !> Factors of the derivatives in the last iteration, as `factorize` leaves them.
   type :: newton_factors
@@ -42,6 +42,14 @@ contains
     ! What is not a number may pass unseen through a maximum, but not through a sum.
     norm = norm + poison
   end function weighted_norm
+
+  !> The norm of the largest amplitude: heavy masses make norms large, not amplitudes.
+  pure real(wp) function largest_norm(system)
+    class(oscillator_type), intent(in) :: system
+    integer :: d
+    largest_norm = system%largest_amplitude() &
+                   *sqrt(max(1.0_wp, maxval([(system%mass(d, d), d=1, system%n_dof())])))
+  end function largest_norm
 
   !> What the size of a motion is of that relative to the base, x, 1 at most: errors are told of the
   !! motion itself, which a base may leave at rest nearly while the springs follow it.

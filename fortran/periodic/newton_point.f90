@@ -7,7 +7,7 @@ module viscovib_newton_point
   use viscovib_harmonic_balance, only: balance_type
   use viscovib_kinds, only: wp
   use viscovib_load, only: load_type
-  use viscovib_motion_norm, only: newton_factors, weighted_norm
+  use viscovib_motion_norm, only: largest_norm, newton_factors, weighted_norm
   use viscovib_oscillator, only: oscillator_type
   use viscovib_oscillator_curve, only: new_oscillator_curve, oscillator_curve_type, vary_load
   use viscovib_outcomes, only: outcome_converged, outcome_diverged, outcome_overflow, &
@@ -57,7 +57,7 @@ contains
     real(wp), intent(out), optional :: second
     real(wp) :: new(size(x, 1), size(x, 2)), step(size(x, 1), size(x, 2))
     real(wp) :: jacobian(size(x), size(x))
-    real(wp) :: change, before, smallest, norm, besides, left, known
+    real(wp) :: change, before, smallest, norm, largest, besides, left, known
     integer :: pivots(size(x)), k
     logical :: singular, settled, stays
 
@@ -65,6 +65,7 @@ contains
     besides = 0.0_wp
     if (present(least)) besides = least
     if (present(second)) second = 0.0_wp
+    largest = largest_norm(system)
     before = 0.0_wp
     smallest = sqrt(huge(1.0_wp))
     outcome = outcome_stalled
@@ -83,7 +84,7 @@ contains
       change = weighted_norm(system, step)
       if (present(second) .and. k == 2) second = change/before
       norm = weighted_norm(system, new)
-      if (.not. norm <= system%largest_amplitude()) then
+      if (.not. norm <= largest) then
         outcome = outcome_overflow
         return
       end if

@@ -22,7 +22,7 @@ module viscovib_successive
   use viscovib_lanes, only: n_lanes
   use viscovib_linear_response, only: chunk_size, compliance_table
   use viscovib_load, only: load_type
-  use viscovib_motion_norm, only: share_of_motion
+  use viscovib_motion_norm, only: largest_norm, share_of_motion
   use viscovib_oscillator, only: oscillator_type
   use viscovib_outcomes, only: outcome_converged, outcome_diverged, outcome_overflow, &
     outcome_singular, outcome_stalled, outcome_stopped
@@ -303,7 +303,7 @@ contains
     real(wp) :: rate, error, largest
     integer :: d, k, l, i, outcome
 
-    largest = system%largest_amplitude()
+    largest = largest_norm(system)
     norm = 0.0_wp
     delta = 0.0_wp
     start = 0.0_wp
@@ -342,11 +342,11 @@ contains
       rate = shrinkage(work%recent(:, l))
       error = delta(l)
       if (rate < 1.0_wp) error = delta(l)*max(1.0_wp, rate/(1.0_wp - rate))
-      if (.not. ieee_is_finite(poison(l))) then
+      if (.not. ieee_is_finite(poison(l)) .or. norm(l) > largest) then
         outcome = outcome_overflow
       else if (error <= options%tolerance*seen(l) + options%least .and. rate < 1.0_wp) then
         outcome = outcome_converged
-      else if (.not. norm(l) <= growth_limit*work%start_norm(l) .or. norm(l) > largest &
+      else if (.not. norm(l) <= growth_limit*work%start_norm(l) &
                .or. delta(l) > growth_limit*work%smallest(l)) then
         outcome = outcome_diverged
       else if (work%iteration(l) >= options%max_iterations) then

@@ -441,3 +441,30 @@ def test_a_structure_under_no_load_is_at_rest(elements, method):
     assert r.complete
     assert r.coefficients.shape == (2, 2, r.harmonics.size)
     assert r.to_dataset().sizes["nu"] == 2
+
+
+@pytest.mark.parametrize("method", ["successive", "newton"])
+def test_the_unit_of_force_changes_no_motion(method):
+    """Masses of 1e290 in these units make norms large, not amplitudes."""
+    rng = np.random.default_rng(11)
+    for scale in (1e-200, 1e-50, 1e60, 1e90, 1e150, 1e290):
+        damping, cubic, nu = rng.uniform(0.05, 0.2), rng.uniform(0.1, 0.5), rng.uniform(0.4, 0.8)
+        motions = []
+        for force in (1.0, scale):
+            system = vv.PolynomialSystem(
+                mass=force,
+                stiffness=force,
+                damping=damping * force,
+                forces=f"{cubic * force!r}*x^3",
+            )
+            found = vv.forced_response(system, [nu], load=0.1 * force, method=method)
+            motions.append(found.coefficients)
+        np.testing.assert_allclose(motions[1], motions[0], rtol=1e-9, atol=1e-12)
+
+
+@pytest.mark.parametrize("method", ["successive", "newton", "auto"])
+def test_amplitudes_out_of_range_are_no_divergence(method):
+    system = vv.PolynomialSystem(mass=1, stiffness=1, damping=0.1, forces="3e-101*x^3")
+    with pytest.warns(vv.ConvergenceWarning, match="choose other units"):
+        found = vv.forced_response(system, [0.5, 0.8], load=1e49, method=method)
+    assert found.outcome.tolist() == ["overflow"] * 2

@@ -18,7 +18,7 @@ from viscovib.analyses.accuracy import Accuracy
 from viscovib.analyses.following import _Way
 from viscovib.analyses.motion_crossings import errors_of, events
 from viscovib.analyses.motion_path import MotionPath, MotionPoint
-from viscovib.analyses.period_map import PeriodMap
+from viscovib.analyses.period_map import PeriodMap, check_mapped
 from viscovib.analyses.shooting import (
     MOST_PERIODS,
     Refined,
@@ -113,6 +113,7 @@ def trace_motion(
     >>> vv.trace_motion(duffing, (0.5, 2.0), load=0.3).folds.size
     2
     """
+    check_mapped(system)
     ranges = {"nu_range": nu_range, "load_range": load_range, "vary_range": vary_range}
     if vary is not None and isinstance(system, Structure):
         raise InputError(f"vary = {vary!r}: is for a PolynomialSystem here, see trace_response")

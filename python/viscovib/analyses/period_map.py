@@ -73,6 +73,15 @@ def _fastest_of_many(system: PolynomialSystem) -> float:
     return fastest
 
 
+def check_mapped(system: object) -> None:
+    """Refuse a system whose motions are not repeated in time."""
+    if not isinstance(system, (PolynomialSystem, Structure)):
+        raise InputError(
+            f"system = {_native.shown(system)}: must be a PolynomialSystem or a Structure "
+            "(of others see forced_response and trace_response)"
+        )
+
+
 @dataclass(frozen=True)
 class PeriodMap:
     """From a state at t = 0 to that after so many periods of the load.
@@ -100,11 +109,7 @@ class PeriodMap:
         method: str,
     ) -> PeriodMap:
         """Check what is given; nothing is computed yet."""
-        if not isinstance(system, (PolynomialSystem, Structure)):
-            raise InputError(
-                f"system = {_native.shown(system)}: must be a PolynomialSystem or a Structure "
-                "(of others see forced_response and trace_response)"
-            )
+        check_mapped(system)
         if isinstance(system, Body) or getattr(system, "_turns", False):
             raise InputError("system: is a Body, must be a PolynomialSystem or a Structure")
         whole = system

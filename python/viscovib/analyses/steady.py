@@ -319,6 +319,8 @@ def _warn_of_gaps(response: Response, system: Steady) -> None:
     )
     low, high = response.nu[lost].min(), response.nu[lost].max()
     found, remedy = _REMEDIES[response.methods[lost][0]]
+    if (response.outcome[lost] == "overflow").all():
+        remedy = "amplitudes are limited to 1e40, or less with high powers: choose other units"
     warnings.warn(
         f"{found} at {lost.sum()} of {asked} ({kinds}), between nu = {low:.6g} and {high:.6g}, NaN "
         f"there: {remedy}{told_edges(system)}{advice_on_sticking(system)}",
