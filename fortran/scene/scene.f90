@@ -1,11 +1,13 @@
 !> A scene: the system, its load and the results wanted, as one namelist file.
 module viscovib_scene
   use viscovib_body_groups, only: read_body
+  use viscovib_condensed_subject, only: condense_in_time
   use viscovib_fitted_memory, only: bound_hidden
   use viscovib_group_reader, only: group_reader
   use viscovib_growing_text, only: growing_text
-  use viscovib_hereditary_job, only: past_names
+  use viscovib_hereditary_job, only: hereditary_methods, past_names
   use viscovib_job, only: job_type
+  use viscovib_kinds, only: wp
   use viscovib_kernel_groups, only: read_kernels
   use viscovib_kernel_holder, only: kernel_holder
   use viscovib_lanes, only: max_dof
@@ -137,6 +139,7 @@ contains
       subject%load = load
       if (subject%is_polynomial .and. .not. (subject%is_turning .or. status%failed())) then
         subject%goes_whole = may_go_whole(file, subject%polynomial, load)
+        if (.not. subject%goes_whole) call take_modes(file, subject)
       end if
       return
     end if
@@ -181,6 +184,26 @@ contains
     if (.not. any([(any(branches(system%laws(i)%program%code)), i=1, size(system%laws))])) return
     may = fits_sections(file, system)
   end function may_go_whole
+
+  !> A motion in time of a system with strong dampers goes by modes, unless its method is none of
+  !! these.
+  subroutine take_modes(file, subject)
+    type(namelist_type), intent(in) :: file
+    type(subject_type), intent(inout) :: subject
+    type(group_reader) :: reader
+    integer :: method, place
+    place = place_of(file, 'transient')
+    if (place > size(file%groups)) return
+    associate (group => file%groups(place))
+      method = group%find('method')
+      if (method > 0) then
+        if (all(hereditary_methods /= lower(group%entries(method)%values(1)%text))) return
+      end if
+      if (group%find('t_end') == 0) return
+      call reader%start(file%path, group)
+    end associate
+    call condense_in_time(subject, reader%read_real('t_end', 0.0_wp))
+  end subroutine take_modes
 
   !> Whether memory takes so few coordinates that sections hold them, and the scene asks for nothing
   !! that these have not.

@@ -16,7 +16,7 @@ module viscovib_structure_model
   implicit none
   private
 
-  public :: structure_model, condense, put_load, expand, add_linear
+  public :: structure_model, condense, set_rest, put_load, expand, add_linear
 
   !> Monomials that all elements together may have.
   integer, parameter :: most_terms = 20000
@@ -61,7 +61,7 @@ contains
     type(status_type), intent(out) :: status
     type(polynomial_parameters) :: p
     real(wp), dimension(size(model%mass, 1), size(model%mass, 1)) :: stiffness, damping, low
-    real(wp), allocatable :: inverse(:), seen(:, :)
+    real(wp), allocatable :: weights(:)
     integer :: a, q
 
     call check_sizes(model, status)
@@ -85,6 +85,31 @@ contains
                 //' monomials, must be at most '//show(most_terms))
       return
     end if
+    call set_rest(model, system, stiffness, weights, status)
+    if (status%failed()) return
+    allocate (p%mass(q, q), p%damping(q, q), source=0.0_wp)
+    do a = 1, q
+      p%mass(a, a) = weights(a)
+    end do
+    p%base_direction = matmul(model%base_direction, model%directions)
+    call new_polynomial(system%polynomial_type, p, kernels, status)
+    system%condensed = .true.
+    allocate (system%loads(0))
+  end subroutine condense
+
+  !> The linear rest of the condensed system, of which the modes are known.
+  subroutine set_rest(model, system, stiffness, weights, status)
+    type(structure_model), intent(inout) :: model
+    type(structure_type), intent(inout) :: system
+    !> With the linear parts of elements, shape (n, n).
+    real(wp), intent(in) :: stiffness(:, :)
+    !> What H tends to is 1/(weight s^2), shape (q).
+    real(wp), allocatable, intent(out) :: weights(:)
+    type(status_type), intent(out) :: status
+    real(wp), allocatable :: seen(:, :)
+    integer :: a, q
+
+    q = size(model%directions, 2)
     seen = matmul(transpose(model%rest%shapes), model%directions)
     associate (rest => system%rest, modes => model%rest)
       rest%squares = modes%squares
@@ -96,19 +121,17 @@ contains
       rest%left = matmul(transpose(modes%left), model%directions)
       rest%right = matmul(transpose(modes%right), model%directions)
       allocate (rest%flexibility(q, q), rest%flexibility_rate(q, q), source=0.0_wp)
-      allocate (inverse(q))
-      inverse = sum(seen**2, 1)
+      allocate (weights(q))
+      weights = sum(seen**2, 1)
       do a = 1, q
-        inverse(a) = inverse(a) + real(sum(rest%left(:, a)*rest%right(:, a)*rest%poles))
+        weights(a) = weights(a) + real(sum(rest%left(:, a)*rest%right(:, a)*rest%poles))
       end do
+      where (weights > 0.0_wp)
+        weights = 1.0_wp/weights
+      else where
+        weights = 1.0_wp
+      end where
     end associate
-    ! What H tends to is 1/(weight s^2).
-    allocate (p%mass(q, q), p%damping(q, q), source=0.0_wp)
-    do a = 1, q
-      p%mass(a, a) = 1.0_wp
-      if (inverse(a) > 0.0_wp) p%mass(a, a) = 1.0_wp/inverse(a)
-    end do
-    p%base_direction = matmul(model%base_direction, model%directions)
     call find_static(model, system, status)
     if (status%failed()) return
     call system%rest%complete()
@@ -116,10 +139,7 @@ contains
         .and. .not. any(model%rest%idle)) then
       call keep_matrices(model, model%all_damping(), stiffness, system%few)
     end if
-    call new_polynomial(system%polynomial_type, p, kernels, status)
-    system%condensed = .true.
-    allocate (system%loads(0))
-  end subroutine condense
+  end subroutine set_rest
 
   !> The matrices behind complex modes, in units that make the masses 1.
   subroutine keep_matrices(model, damping, stiffness, few)

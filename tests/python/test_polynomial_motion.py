@@ -150,3 +150,49 @@ def test_rest_where_large_terms_cancel(method):
     t = run.t
     x = 1 - np.exp(-0.15 * t) * (np.cos(decay * t) + 0.15 / decay * np.sin(decay * t))
     np.testing.assert_allclose(run.state[:, 0], x, atol=1e-5 if method == "gauss3" else 1e-14)
+
+
+def retained(mass, damping, stiffness, power, terms):
+    """The equations of a motion with a force power x1^3, terms (weight, rate) of the kernel."""
+    n = mass.shape[0]
+
+    def slope(t, y):
+        u, v, z = y[:n], y[n : 2 * n], y[2 * n :].reshape(len(terms), n)
+        force = stiffness @ u
+        force[0] += power * u[0] ** 3
+        # Each term of the kernel retains z' = w f - r z of every force.
+        more = [w * force - r * one for (w, r), one in zip(terms, z, strict=True)]
+        a = np.linalg.solve(mass, 0.3 * np.sin(1.1 * t) - damping @ v - force + z.sum(axis=0))
+        return np.concatenate([v, a, *more])
+
+    return slope
+
+
+@pytest.mark.parametrize("terms", [[], [(0.2, 1.0), (0.1, 9.0)]], ids=["none", "prony"])
+def test_strong_dampers_cost_nothing(terms):
+    """What decays at once needs no short steps, in any number of coordinates."""
+    rng = np.random.default_rng(9)
+    kernel = None
+    if terms:
+        weights, rates = zip(*terms, strict=True)
+        kernel = vv.PronyKernel(weights=weights, rates=rates)
+    for n in (1, 2, 3, 5):
+        root = rng.normal(size=(n, n))
+        stiffness = root @ root.T + np.eye(n)
+        damping = np.diag(10.0 ** rng.uniform(2.5, 5, n)) + 0.1 * stiffness
+        mass = np.diag(rng.uniform(0.5, 2, n))
+        power = float(rng.uniform(0.1, 1))
+        names = [f"x{i + 1}" for i in range(n)]
+        system = vv.PolynomialSystem(
+            mass=mass, stiffness=stiffness, damping=damping, forces={"x1": f"{power!r}*x1^3"},
+            kernel=kernel, names=names,
+        )  # fmt: skip
+        start = np.zeros(2 * n)
+        start[::2] = rng.uniform(-0.5, 0.5, n)
+        load = {1: dict.fromkeys(names, 0.3)}
+        run = vv.simulate(system, 40.0, initial=start, load=load, nu=1.1, keep="last")
+        assert run.stats["steps"] < 2000
+        begin = np.concatenate([start[::2], start[1::2], np.zeros(len(terms) * n)])
+        slope = retained(mass, damping, stiffness, power, terms)
+        true = solve_ivp(slope, (0, 40.0), begin, method="Radau", rtol=1e-9, atol=1e-11).y[:, -1]
+        np.testing.assert_allclose(run.state[0, ::2], true[:n], rtol=0, atol=1e-7)

@@ -16,6 +16,7 @@ from viscovib import _native
 from viscovib._native import FloatArray
 from viscovib.analyses.hereditary import FIRST, NODES, PASTS, MountRun, history_of
 from viscovib.analyses.kept_numbers import of_structure
+from viscovib.analyses.memoryless import switches_by_itself
 from viscovib.analyses.runs import MAX_STEPS, Run, starting_state
 from viscovib.analyses.structure_modal import modal_arrays
 from viscovib.common.counts import things
@@ -24,7 +25,7 @@ from viscovib.errors import ConvergenceWarning, InputError, caller
 from viscovib.results.trajectory import Trajectory
 from viscovib.systems.condensed import LoadedStructure
 from viscovib.systems.law_ends import law_end as end_of_law
-from viscovib.systems.load import LoadLike
+from viscovib.systems.load import LoadLike, base_by_order, in_components
 from viscovib.systems.load_table import LoadTable, added
 from viscovib.systems.polynomial_system import PolynomialSystem
 from viscovib.systems.structure import Structure
@@ -40,6 +41,8 @@ if TYPE_CHECKING:
 
 #: Coordinates of polynomial systems that are not.
 _MOST_WHOLE = 64
+#: Times that what decays would have to decay before a motion is long, as in the core.
+_MANY_DECAYS = 3000.0
 #: Part of a start that may be in no mode without a warning.
 _LEFT_OUT = 1e-6
 
@@ -436,6 +439,24 @@ def modes_in_core(modal: dict[str, Any]) -> tuple[_native.Handle, _native.Handle
     """Elements, and the linear rest with its loads, as objects of the core."""
     rest = {name: value for name, value in modal.items() if name != "elements"}
     return _native.polynomial_object(modal["elements"]), _native.Handle("motion given", **rest)
+
+
+def goes_by_modes(
+    system: object, end: float, method: str, base: object
+) -> TypeGuard[PolynomialSystem]:
+    """Whether dampers are so strong that steps would follow what decays at once."""
+    if not isinstance(system, PolynomialSystem):
+        return False
+    if not system._strong_damping * end > _MANY_DECAYS or system._modes_in_time is None:
+        return False
+    if system._turns or switches_by_itself(system):
+        return False
+    if not (isinstance(method, str) and method in ("auto", *NODES)):
+        return False
+    if isinstance(base, LoadTable) or any(map(in_components, base_by_order(base).values())):
+        # What the base moves by several directions is not known by modes.
+        return False
+    return base is None or system._space is None
 
 
 def goes_condensed(system: object) -> TypeGuard[Condensed]:

@@ -41,6 +41,7 @@ from viscovib.analyses.runs import (
 from viscovib.analyses.step_search import by_tolerance, with_estimate
 from viscovib.analyses.structure_motion import (
     StructureMotion,
+    goes_by_modes,
     goes_condensed,
     structure_motion_of,
 )
@@ -368,7 +369,7 @@ def runs_of(
             system, end, initial, method, load, nu, force, solved, kept, base=base, held=held
         )
         return *made, 1
-    if not isinstance(system, Structure):
+    if not (isinstance(system, Structure) or goes_by_modes(system, end, method, base)):
         if goes_as_pendulum(system, method, load, base, held, given.memory):
             made = polynomial_runs(
                 system, end, initial, method, load, nu, force, solved, base=base, held=held
@@ -379,7 +380,11 @@ def runs_of(
                 system, end, initial, method, load, nu, force, solved, True, base, held
             )
             return *made, 1
-    if isinstance(system, Structure) or goes_condensed(system):
+    if (
+        isinstance(system, Structure)
+        or goes_by_modes(system, end, method, base)
+        or goes_condensed(system)
+    ):
         shape = StructureMotion.checked(
             system, end, initial, method, load, nu, base, force, held, given.memory,
             given.coordinates,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import Any
 
@@ -23,10 +24,16 @@ _SMALLEST = 4
 _SMALLEST_JUDGED, _JUDGED_EACH = 8, 3
 
 
-def condensed_laws(groups: Sequence[Any], n: int) -> Laws | None:
+#: How many times as fast as the springs dampers are where steps in time follow modes, as in the
+#: core.
+_MUCH_FASTER = 50.0
+
+
+def condensed_laws(groups: Sequence[Any], n: int, *, always: bool = False) -> Laws | None:
     """Forces and memory in the coordinates that have them; None: in too many to condense.
 
-    ``groups``: springs with their stiffness (n, n), forces {(on, powers): c}, laws and kernel.
+    ``groups``: springs with their stiffness (n, n), forces {(on, powers): c}, laws and kernel;
+    ``always``: however many they are.
     """
     touched = np.zeros(n, dtype=bool)
     for group in groups:
@@ -38,7 +45,8 @@ def condensed_laws(groups: Sequence[Any], n: int) -> Laws | None:
         if group.kernel is not None:
             touched |= group.stiffness.any(axis=0) | group.stiffness.any(axis=1)
     places = np.flatnonzero(touched)
-    if n < _SMALLEST or not 0 < 2 * places.size <= n:
+    few = n >= _SMALLEST and 2 * places.size <= n
+    if not places.size or not (few or always):
         return None
     kernels, stiffness, forces, programs = [], [], [], []
     index = {int(place): i for i, place in enumerate(places)}
@@ -67,13 +75,15 @@ def judged_condensed(n: int, q: int, remembers: bool) -> bool:
 
 
 def condensation_of(
-    mass: FloatArray, damping: FloatArray, groups: Sequence[Any], *, quiet: bool
-) -> Condensation | None:
+    mass: FloatArray, damping: FloatArray, groups: Sequence[Any], *, quiet: bool,
+    always: bool = False,
+) -> Condensation | None:  # fmt: skip
     """Return the condensed system, or None where that has no use or no modes.
 
-    ``quiet``: the warning about springs hidden by rounding errors was printed.
+    ``quiet``: the warning about springs hidden by rounding errors was printed. ``always``: also of
+    few coordinates.
     """
-    laws = condensed_laws(groups, mass.shape[0])
+    laws = condensed_laws(groups, mass.shape[0], always=always)
     if laws is None:
         return None
     stiffness = np.asarray(sum(group.stiffness for group in groups))
@@ -82,3 +92,11 @@ def condensation_of(
     except InputError:
         # Defective modes: no sum over modes gives the compliance.
         return None
+
+
+def strong_damping(mass: FloatArray, damping: FloatArray, stiffness: FloatArray) -> float:
+    """The rate of what decays (1/s) where dampers are much faster than springs, else 0."""
+    inverse = np.linalg.inv(mass)
+    drag = float(np.abs(inverse @ damping).sum(axis=1).max())
+    springs = math.sqrt(np.abs(inverse @ stiffness).sum(axis=1).max())
+    return drag if drag > _MUCH_FASTER * springs else 0.0

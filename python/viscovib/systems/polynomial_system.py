@@ -218,6 +218,22 @@ class PolynomialSystem:
         told = len(self.dof_names) <= _MAX_WHOLE
         return condensation_of(self._mass_matrix, self._damping, self.groups, quiet=told)
 
+    @cached_property
+    def _strong_damping(self) -> float:
+        """The rate of what decays (1/s) where dampers are much faster than springs, else 0."""
+        from viscovib.systems.polynomial_laws import strong_damping
+
+        return strong_damping(self._mass_matrix, self._damping, self._stiffness_at_rest)
+
+    @cached_property
+    def _modes_in_time(self) -> Condensation | None:
+        """The system for motions by modes, of which what decays fast is exact; None: no modes."""
+        from viscovib.systems.polynomial_laws import condensation_of
+
+        return condensation_of(
+            self._mass_matrix, self._damping, self.groups, quiet=True, always=True
+        )
+
     @property
     def _may_be_whole(self) -> bool:
         """Whether linear motions take no longer in all coordinates."""
@@ -234,12 +250,13 @@ class PolynomialSystem:
 
     def _loaded(self, load: LoadLike | None, base: LoadLike | None) -> LoadedStructure:
         """The condensed system under a load."""
-        assert self._condensation is not None
+        condensation = self._condensation or self._modes_in_time
+        assert condensation is not None
         n = len(self.dof_names)
         orders, series = load_series(load, base, n, name_places(self.dof_names))
         direction = self._base_direction
         inertia = np.zeros(n) if direction is None else self._mass_matrix @ direction
-        return LoadedStructure.of(self._condensation, orders, series, inertia, direction)
+        return LoadedStructure.of(condensation, orders, series, inertia, direction)
 
     def _wanted(self, coordinates: Sequence[str] | None, _: LoadedStructure) -> Any:
         """Places of the coordinates that results hold: all."""

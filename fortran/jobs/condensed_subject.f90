@@ -1,0 +1,63 @@
+!> A polynomial system whose forces act in few of its coordinates, as the structure that it is.
+module viscovib_condensed_subject
+  use viscovib_kinds, only: wp
+  use viscovib_load, only: load_type
+  use viscovib_polynomial_condensation, only: condense_polynomial, condenses, is_overdamped
+  use viscovib_status, only: status_type
+  use viscovib_structure_model, only: put_load
+  use viscovib_subject, only: subject_type
+  implicit none
+  private
+
+  public :: condense_in_time, condense_subject
+
+contains
+
+  !> The subject condensed, where motions, and their stability if wanted, take less time so.
+  subroutine condense_subject(subject, stability, condensed, is_condensed)
+    type(subject_type), intent(in) :: subject
+    logical, intent(in) :: stability
+    type(subject_type), intent(out) :: condensed
+    logical, intent(out) :: is_condensed
+    type(status_type) :: status
+
+    is_condensed = .false.
+    if (.not. subject%is_polynomial .or. subject%is_structure .or. subject%is_body) return
+    if (.not. condenses(subject%polynomial, stability)) return
+    condensed = subject
+    call condense(condensed, .false., is_condensed)
+  end subroutine condense_subject
+
+  !> The same for motions in time, of systems with strong dampers.
+  subroutine condense_in_time(subject, t_end)
+    type(subject_type), intent(inout) :: subject
+    real(wp), intent(in) :: t_end
+    logical :: is_condensed
+    if (subject%is_body .or. subject%is_turning) return
+    if (is_overdamped(subject%polynomial, t_end)) call condense(subject, .true., is_condensed)
+  end subroutine condense_in_time
+
+  !> A polynomial system as a structure; without modes that give the compliance it stays whole.
+  subroutine condense(subject, in_time, is_condensed)
+    type(subject_type), intent(inout) :: subject
+    logical, intent(in) :: in_time
+    logical, intent(out) :: is_condensed
+    type(load_type) :: load
+    type(status_type) :: status
+
+    is_condensed = .false.
+    load = subject%load
+    call condense_polynomial(subject%polynomial, subject%model, subject%structure, status)
+    if (.not. status%failed()) then
+      call put_load(subject%model, load, in_time, subject%structure, subject%load, status)
+    end if
+    if (status%failed()) then
+      subject%load = load
+      return
+    end if
+    subject%is_polynomial = .false.
+    subject%is_structure = .true.
+    is_condensed = .true.
+  end subroutine condense
+
+end module viscovib_condensed_subject

@@ -1,0 +1,143 @@
+!> Polynomial systems whose forces and memory act in few of their coordinates, condensed to these.
+module viscovib_polynomial_condensation
+  use viscovib_dense, only: factorize, solve
+  use viscovib_kinds, only: wp
+  use viscovib_law_program, only: branches
+  use viscovib_polynomial, only: polynomial_type
+  use viscovib_reduction, only: reduce
+  use viscovib_status, only: status_type
+  use viscovib_structure, only: structure_type
+  use viscovib_structure_model, only: set_rest, structure_model
+  use viscovib_structure_rest, only: new_rest
+  implicit none
+  private
+
+  public :: condense_polynomial, condenses, is_overdamped
+
+  !> Coordinates from which on a system is condensed, if half of them or fewer have forces or
+  !! memory: below, the whole equations take no longer.
+  integer, parameter :: smallest = 4
+  !> Coordinates from which on stability without memory is judged by the condensed equations: this
+  !! many, and so many more for each coordinate left (measured with 1 to 4 of them). Below,
+  !! monodromy matrices take less time, and give all multipliers. With memory the determinant of
+  !! the whole takes 10 to 200 times as long.
+  integer, parameter :: smallest_judged = 8, judged_each = 3
+  !> How many times as fast as the springs dampers are where steps in time follow modes: those of
+  !! the whole equations must be as short as what decays (measured: equal costs at 20 to 70).
+  real(wp), parameter :: much_faster = 50.0_wp
+  !> Times that what decays would have to decay before a motion is long.
+  real(wp), parameter :: many_decays = 3000.0_wp
+
+contains
+
+  !> Whether motions of a system, and their stability if wanted, take less time condensed.
+  pure logical function condenses(system, stability)
+    type(polynomial_type), intent(in) :: system
+    logical, intent(in) :: stability
+    integer :: n, q
+
+    n = size(system%mass, 1)
+    q = count(touched(system))
+    condenses = n >= smallest .and. q > 0 .and. 2*q <= n &
+                .and. .not. allocated(system%space_damping)
+    if (.not. (condenses .and. stability) .or. any(system%kernel_of > 0)) return
+    condenses = n >= max(smallest_judged, judged_each*q + 2)
+  end function condenses
+
+  !> Whether motions in time take less time by modes, of which what decays fast is exact: dampers
+  !! are much faster than springs, and than the motion is short, and no law switches.
+  logical function is_overdamped(system, t_end)
+    type(polynomial_type), intent(in) :: system
+    real(wp), intent(in) :: t_end
+    real(wp) :: fastest
+    real(wp), dimension(size(system%mass, 1), size(system%mass, 1)) :: mass, pull, drag
+    integer :: pivots(size(system%mass, 1)), i
+    logical :: singular
+
+    is_overdamped = .false.
+    if (allocated(system%space_damping) .or. .not. any(touched(system))) return
+    do i = 1, size(system%laws)
+      if (system%laws(i)%state > 0 .or. any(branches(system%laws(i)%program%code))) return
+    end do
+    mass = system%mass
+    pull = matmul(system%spread, system%gather)
+    drag = system%damping
+    call factorize(size(mass, 1), mass, pivots, singular)
+    if (singular) return
+    do i = 1, size(mass, 1)
+      call solve(size(mass, 1), mass, pivots, pull(:, i))
+      call solve(size(mass, 1), mass, pivots, drag(:, i))
+    end do
+    fastest = maxval(sum(abs(drag), 2))
+    is_overdamped = fastest*t_end > many_decays &
+                    .and. fastest > much_faster*sqrt(maxval(sum(abs(pull), 2)))
+  end function is_overdamped
+
+  !> Coordinates in which forces or memory act.
+  pure function touched(system)
+    type(polynomial_type), intent(in) :: system
+    logical :: touched(size(system%mass, 1))
+    integer :: i
+
+    touched = .false.
+    do i = 1, size(system%monomials)
+      touched(system%monomials(i)%equation) = .true.
+      touched(system%monomials(i)%dof) = .true.
+    end do
+    do i = 1, size(system%laws)
+      touched(system%laws(i)%equations) = .true.
+      touched = touched .or. any(abs(system%laws(i)%arguments) > 0.0_wp, 1) &
+                .or. any(abs(system%laws(i)%rates) > 0.0_wp, 1)
+    end do
+    do i = 1, size(system%kernel_of)
+      if (system%kernel_of(i) == 0) cycle
+      touched = touched .or. abs(system%gather(i, :)) > 0.0_wp &
+                .or. abs(system%spread(:, i)) > 0.0_wp
+    end do
+  end function touched
+
+  !> The system without loads; a failure where no sum over modes gives its compliance.
+  subroutine condense_polynomial(system, model, condensed, status)
+    type(polynomial_type), intent(in) :: system
+    type(structure_model), intent(out) :: model
+    type(structure_type), intent(out) :: condensed
+    type(status_type), intent(out) :: status
+    real(wp), dimension(size(system%mass, 1), size(system%mass, 1)) :: none, unit
+    real(wp), allocatable :: weights(:)
+    integer :: dofs(count(touched(system))), i, n
+
+    n = size(system%mass, 1)
+    none = 0.0_wp
+    unit = 0.0_wp
+    do i = 1, n
+      unit(i, i) = 1.0_wp
+    end do
+    dofs = pack([(i, i=1, n)], touched(system))
+    model%mass = system%mass
+    model%damping = system%damping
+    ! Elastic forces belong to the rest, also of springs with memory: of these the condensed system
+    ! has what is hereditary.
+    model%stiffness = matmul(system%spread, system%gather)
+    model%places = unit
+    model%base_direction = system%base_direction
+    model%directions = unit(:, dofs)
+    allocate (model%elements(0), model%modal%ratios(0))
+    call new_rest(model%rest, model%mass, model%damping, model%stiffness, model%places, &
+                  model%modal, status, none)
+    if (status%failed()) return
+    call set_rest(model, condensed, model%stiffness, weights, status)
+    if (status%failed()) return
+    call reduce(system, touched(system), condensed%polynomial_type)
+    condensed%mass = 0.0_wp
+    condensed%damping = 0.0_wp
+    do i = 1, size(dofs)
+      condensed%mass(i, i) = weights(i)
+    end do
+    do i = 1, size(condensed%kernel_of)
+      if (condensed%kernel_of(i) == 0) condensed%gather(i, :) = 0.0_wp
+    end do
+    condensed%condensed = .true.
+    allocate (condensed%loads(0))
+  end subroutine condense_polynomial
+
+end module viscovib_polynomial_condensation
