@@ -16,10 +16,12 @@ import numpy as np
 import numpy.typing as npt
 
 from viscovib import _viscovib  # type: ignore[attr-defined]
+from viscovib.common import progress
 from viscovib.errors import FileError, InputError, nearest
 
 #: The compiled core, typed by nothing but this module.
 core: Any = _viscovib
+progress.pieces.append(core.pieces_of_work)
 
 FloatArray = npt.NDArray[np.float64]
 ComplexArray = npt.NDArray[np.complex128]
@@ -540,7 +542,7 @@ def apart(work: Callable[[], _T]) -> _T:
             thread.start()
         except RuntimeError:
             raise MemoryError("no memory for a thread") from None
-        thread.join()
+        progress.wait(thread)
     except BaseException:
         # Ctrl-C, which may come at any point above.
         flag[0] = 1

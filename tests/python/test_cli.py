@@ -104,12 +104,13 @@ def test_bash_completes(tmp_path, capsys):
         assert "sweep" in capsys.readouterr().out
 
 
-def _told_by_terminal(command, cwd):
+def _told_by_terminal(command, cwd, **environment):
     """What a command writes on a terminal."""
     ours, its = pty.openpty()
     # Lines and columns; without them nothing has room.
     fcntl.ioctl(its, termios.TIOCSWINSZ, struct.pack("HHHH", 25, 80, 0, 0))
-    with subprocess.Popen(command, stdout=its, stderr=its, cwd=cwd) as child:
+    environment = os.environ | {"CI": ""} | environment
+    with subprocess.Popen(command, stdout=its, stderr=its, cwd=cwd, env=environment) as child:
         os.close(its)
         told = b""
         while True:
@@ -123,6 +124,49 @@ def _told_by_terminal(command, cwd):
         assert child.wait() == 0
     os.close(ours)
     return told.decode()
+
+
+LONG = """
+import multiprocessing, threading, viscovib as vv
+from viscovib.common import progress
+progress.PATIENCE = progress._LOOK = 0.02
+duffing = vv.PolynomialSystem(mass=1, stiffness=1, damping=0.1, forces="x^3")
+def curve():
+    vv.trace_response(duffing, (0.3, 3), load=0.3, max_step=1e-3, max_points=10000)
+def motion():
+    vv.simulate(duffing, 20000, initial=[0.3, 0], dt=0.05, keep="last")
+def in_thread():
+    thread = threading.Thread(target=curve)
+    thread.start()
+    thread.join()
+def in_process():
+    process = multiprocessing.get_context("fork").Process(target=curve)
+    process.start()
+    process.join()
+def short():
+    progress.PATIENCE = 2.0
+    curve()
+"""
+
+
+@pytest.mark.parametrize(
+    ("work", "unit", "environment"),
+    [
+        ("curve", " points [", {}),
+        ("motion", " steps", {}),
+        ("short", "", {}),
+        ("curve", "", {"CI": "true"}),
+        ("in_thread", "", {}),
+        ("in_process", "", {}),
+    ],
+)
+def test_bars_of_long_work_appear_by_themselves(tmp_path, work, unit, environment):
+    command = [sys.executable, "-c", f"{LONG}\n{work}()"]
+    told = _told_by_terminal(command, tmp_path, **environment)
+    assert unit in told if unit else not told
+    if not environment and unit:
+        piped = subprocess.run(command, capture_output=True, text=True, check=True)
+        assert not piped.stdout + piped.stderr
 
 
 def test_bars_only_on_terminals(tmp_path, monkeypatch, capsys):

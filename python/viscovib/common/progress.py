@@ -1,16 +1,28 @@
-"""A progress bar, or no bar: even a silent bar of tqdm takes time."""
+"""Progress bars: when they are wanted, and by themselves for work of more than two seconds.
+
+They appear by themselves on a terminal or in a notebook only, and never in worker processes, in
+threads other than the main one, or if the environment variable CI or TQDM_DISABLE is set. Short
+calls do no more than read the clock.
+"""
 
 from __future__ import annotations
 
+import os
+import sys
 import threading
-from collections.abc import Iterator
+import time
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from typing import Protocol, Self
+from typing import Any, Protocol, Self
 
-from viscovib._native import core
-
-#: Seconds without a bar, and between two looks.
+#: Seconds after which a bar appears by itself.
+PATIENCE = 2.0
+#: Seconds without a bar if it is wanted, and between two looks.
 _PATIENCE, _LOOK = 0.5, 0.2
+#: What counts the pieces of work that the core has begun.
+pieces: list[Callable[[], int]] = []
+#: Bars that are shown now: there is one at a time.
+_shown: list[Any] = []
 
 
 class Bar(Protocol):
@@ -38,44 +50,109 @@ class _Silent:
         return None
 
 
-def progress_bar(total: int, unit: str, shown: bool, done: int = 0) -> Bar:
-    """Return a bar of ``total`` units, of which some are ``done``; a silent one if not shown."""
-    if not shown:
-        return _Silent()
+class _Late(_Silent):
+    """A bar that opens by itself if the work takes long."""
+
+    def __init__(self, total: int, unit: str, done: int) -> None:
+        self.total, self.unit, self.done = total, unit, done
+        self.opens = time.monotonic() + PATIENCE
+        self.bar: Any = None
+
+    def __exit__(self, *raised: object) -> None:
+        if self.bar is not None:
+            _shown.remove(self)
+            self.bar.close()
+
+    def update(self, done: int) -> object:
+        self.done += done
+        if self.bar is not None:
+            self.bar.update(done)
+        elif time.monotonic() > self.opens and not _shown:
+            _shown.append(self)
+            self.bar = _new_bar(total=self.total, initial=self.done, unit=f" {self.unit}")
+        return None
+
+
+def _new_bar(**options: Any) -> Any:
     from tqdm import tqdm
 
-    bar: Bar = tqdm(total=total, initial=done, unit=f" {unit}", leave=False)
-    return bar
+    return tqdm(**options, leave=False)
+
+
+def shows_by_itself() -> bool:
+    """Return True if somebody watches: on a terminal or in a notebook, in the main thread."""
+    if threading.current_thread() is not threading.main_thread() or os.environ.get("CI"):
+        return False
+    shell = sys.modules.get("IPython")
+    notebook = shell is not None and type(shell.get_ipython()).__name__ == "ZMQInteractiveShell"
+    if not (notebook or (sys.stderr is not None and sys.stderr.isatty())):
+        return False
+    workers = sys.modules.get("multiprocessing")
+    return workers is None or workers.parent_process() is None
+
+
+def progress_bar(total: int, unit: str, shown: bool, done: int = 0) -> Bar:
+    """Return a bar of ``total`` units, of which some are ``done``.
+
+    If it is not to be ``shown``, it opens by itself if the work takes long and somebody watches.
+    """
+    if shown:
+        bar: Bar = _new_bar(total=total, initial=done, unit=f" {unit}")
+        return bar
+    return _Late(total, unit, done) if shows_by_itself() else _Silent()
 
 
 @contextmanager
 def counted_pieces(shown: bool) -> Iterator[None]:
     """Show how many points a long native call has begun, if it takes longer than half a second.
 
-    For curves, whose number of points is not known before. The bar stands on standard error.
+    For curves, whose number of points is not known before. The bar appears on standard error.
     """
     if not shown:
         yield
         return
     over = threading.Event()
-
-    def watch() -> None:
-        before = core.pieces_of_work()
-        if over.wait(_PATIENCE):
-            return
-        from tqdm import tqdm
-
-        with tqdm(unit=" points", leave=False) as bar:
-            while not over.wait(_LOOK):
-                now = core.pieces_of_work()
-                bar.update(max(now - before, 0))
-                before = now
-                bar.refresh()
-
-    watcher = threading.Thread(target=watch, daemon=True)
+    _shown.append(over)
+    watcher = threading.Thread(target=_count, args=(over.wait, _PATIENCE), daemon=True)
     watcher.start()
     try:
         yield
     finally:
         over.set()
         watcher.join()
+        _shown.remove(over)
+
+
+def wait(thread: threading.Thread) -> None:
+    """Wait for a thread; if it takes long and somebody watches, with a bar."""
+    thread.join(PATIENCE)
+    if not thread.is_alive():
+        return
+    if _shown or not shows_by_itself():
+        thread.join()
+        return
+
+    def ended(seconds: float) -> bool:
+        thread.join(seconds)
+        return not thread.is_alive()
+
+    _shown.append(thread)
+    try:
+        _count(ended, 0)
+    finally:
+        _shown.remove(thread)
+
+
+def _count(ended: Any, patience: float) -> None:
+    """Count pieces of work until a call with a number of seconds returns True."""
+    before = pieces[0]()
+    if patience and ended(patience):
+        return
+    with _new_bar(unit=" points") as bar:
+        while not ended(_LOOK):
+            now = pieces[0]()
+            # Work without pieces shows how long it has taken.
+            bar.bar_format = None if bar.n or now != before else "computing: {elapsed}"
+            bar.update(max(now - before, 0))
+            before = now
+            bar.refresh()
