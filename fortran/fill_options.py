@@ -9,7 +9,8 @@ known = runpy.run_path(str(table))
 lines: dict[str, list[str]] = {"table": [], "components": [], "values": [], "set": []}
 for i, (name, option) in enumerate(known["OPTIONS"].items(), 1):
     whole = name in known["WHOLE"]
-    numbers = [f"{float(one)!r}_wp" for one in (option.default, option.lowest, option.highest)]
+    bounds = (option.default or 0, option.lowest, option.highest)
+    numbers = [f"{float(one)!r}_wp" for one in bounds]
     comma = ", &" if i < len(known["OPTIONS"]) else " &"
     flag = ".true." if whole else ".false."
     lines["table"].append(f"option_type('{name}', {', '.join(numbers)}, {flag}){comma}")

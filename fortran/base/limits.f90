@@ -6,6 +6,9 @@ module viscovib_limits
 
   !> Relative sizes of a last correction.
   real(wp), parameter, public :: min_tolerance = 1.0e-14_wp, max_tolerance = 0.1_wp
+  !> Of steady motions if none is given: of smooth forces, and of laws with corners, whose harmonics
+  !! decrease slowly.
+  real(wp), parameter, public :: smooth_tolerance = 1.0e-10_wp, corner_tolerance = 1.0e-6_wp
   !> Relative errors of motions in time.
   real(wp), parameter, public :: min_time_tolerance = 1.0e-13_wp, max_time_tolerance = 1.0_wp
   !> Stands for 0 where a number varies: terms would be left out that other values have.

@@ -11,8 +11,8 @@ module viscovib_branch_tasks
   use viscovib_free_orders, only: first_chosen, highest_chosen
   use viscovib_harmonic_set, only: harmonic_set_type
   use viscovib_kinds, only: i8, wp
-  use viscovib_limits, only: max_harmonics, max_time_tolerance, max_tolerance, &
-    min_time_tolerance, min_tolerance, nearly_nothing
+  use viscovib_limits, only: corner_tolerance, max_harmonics, max_time_tolerance, max_tolerance, &
+                             min_time_tolerance, min_tolerance, nearly_nothing, smooth_tolerance
   use viscovib_load, only: load_type
   use viscovib_motion_stability, only: judge_type, new_judge, stability_type
   use viscovib_oscillator, only: oscillator_type
@@ -67,6 +67,8 @@ contains
       call found%put_integer('first_free', int(first_chosen, i8))
       call found%put_integer('most_free', int(highest_chosen, i8))
       call found%put_reals('tolerance', [min_tolerance, max_tolerance], [2])
+      call found%put_real('smooth_tolerance', smooth_tolerance)
+      call found%put_real('corner_tolerance', corner_tolerance)
       call found%put_reals('time_tolerance', [min_time_tolerance, max_time_tolerance], [2])
       ! What stands for 0 where a number varies.
       call found%put_real('nearly_nothing', nearly_nothing)

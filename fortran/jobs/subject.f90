@@ -1,8 +1,10 @@
 !> What jobs are about: a system with names and units of its coordinates, and its loads.
 module viscovib_subject
+  use viscovib_cycle_terms, only: has_kinks
   use viscovib_kernel_holder, only: kernel_holder
   use viscovib_kinds, only: wp
   use viscovib_lanes, only: max_dof
+  use viscovib_limits, only: corner_tolerance, smooth_tolerance
   use viscovib_load, only: load_type
   use viscovib_mount, only: mount_type
   use viscovib_mounted_body, only: mounted_body
@@ -54,6 +56,7 @@ module viscovib_subject
   contains
     procedure :: oscillator
     procedure :: base_direction
+    procedure :: usual_tolerance
     procedure :: remembers
     procedure :: has_kernels
     procedure :: goes_side_by_side
@@ -80,6 +83,17 @@ contains
       oscillator => self%mount
     end if
   end function oscillator
+
+  !> The tolerance of steady motions if none is given.
+  real(wp) function usual_tolerance(self)
+    class(subject_type), intent(in) :: self
+    usual_tolerance = smooth_tolerance
+    if (self%is_structure) then
+      if (has_kinks(self%structure)) usual_tolerance = corner_tolerance
+    else if (self%is_polynomial) then
+      if (has_kinks(self%polynomial)) usual_tolerance = corner_tolerance
+    end if
+  end function usual_tolerance
 
   !> How its coordinates move with the base.
   pure function base_direction(self)

@@ -7,7 +7,7 @@ module viscovib_response_plan
   use viscovib_checks, only: check_finite, check_positive
   use viscovib_harmonic_set, only: harmonic_set_type, new_harmonic_set
   use viscovib_kinds, only: wp
-  use viscovib_cycle_terms, only: has_states
+  use viscovib_cycle_terms, only: has_kinks, has_states
   use viscovib_limits, only: max_harmonics, max_tolerance, min_tolerance, most_harmonics_chosen
   use viscovib_load, only: load_type
   use viscovib_oscillator, only: oscillator_type
@@ -236,6 +236,8 @@ contains
       if (plan%set%half_wave) call plan%say('skips: even harmonics and half of each period ' &
                                             //'(odd forces, load of odd harmonics)')
       plan%rest = plan%rest//tell_laws(system)
+      if (has_kinks(system)) call plan%say('computes: to a relative error of ' &
+                                           //show(plan%options%tolerance)//' (a law has corners)')
       if (system%separable) call plan%say('skips: hereditary variables in time ' &
                                           //'(memory acts on each term as a whole)')
     end if

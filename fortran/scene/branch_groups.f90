@@ -54,7 +54,7 @@ contains
     call reader%read_count('harmonics', job%options%harmonics, 'auto', &
                            job%options%choose_harmonics)
     job%options%keep_idle = .true.
-    call read_curve(reader, job%curve)
+    call read_curve(reader, job%curve, subject%usual_tolerance())
     job%options%tolerance = job%curve%tolerance
     job%options%absolute = job%curve%atol
     job%stability = read_yes(reader, 'stability')

@@ -3,6 +3,7 @@ module viscovib_curve_groups
   use viscovib_curve_branch, only: curve_options, curve_table
   use viscovib_group_reader, only: group_reader
   use viscovib_kinds, only: wp
+  use viscovib_limits, only: smooth_tolerance
   use viscovib_status, only: show
   implicit none
   private
@@ -14,9 +15,11 @@ module viscovib_curve_groups
 contains
 
   !> The options of curves, each by its name in `curve_table`.
-  subroutine read_curve(reader, options)
+  subroutine read_curve(reader, options, usual)
     type(group_reader), intent(inout) :: reader
     type(curve_options), intent(inout) :: options
+    !> The tolerance if none is given.
+    real(wp), intent(in), optional :: usual
     character(len=:), allocatable :: key
     real(wp) :: values(size(curve_table))
     integer :: i
@@ -31,7 +34,7 @@ contains
                              nint(option%highest))
         else
           if (key == 'tolerance') then
-            call read_relative(reader, values(i))
+            call read_relative(reader, values(i), usual)
           else
             values(i) = reader%read_real(key, values(i))
           end if
@@ -46,15 +49,21 @@ contains
   end subroutine read_curve
 
   !> `tolerance`, or its other name `rtol`.
-  subroutine read_relative(reader, tolerance)
+  subroutine read_relative(reader, tolerance, usual)
     type(group_reader), intent(inout) :: reader
-    !> Left alone if neither is given.
-    real(wp), intent(inout) :: tolerance
+    real(wp), intent(out) :: tolerance
+    !> The value if neither is given, or 0.
+    real(wp), intent(in), optional :: usual
     real(wp) :: relative
 
+    tolerance = 0.0_wp
     relative = reader%read_real('rtol', 0.0_wp)
     if (relative > 0.0_wp) tolerance = relative
     tolerance = reader%read_real('tolerance', tolerance)
+    if (.not. abs(tolerance) > 0.0_wp) then
+      tolerance = smooth_tolerance
+      if (present(usual)) tolerance = usual
+    end if
     if (reader%status%failed() .or. .not. abs(relative) > 0.0_wp) return
     if (abs(tolerance - relative) > 0.0_wp) then
       call reader%complain('rtol', 'rtol = '//show(relative)//': is another name of tolerance, ' &

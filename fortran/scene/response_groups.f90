@@ -22,8 +22,10 @@ module viscovib_response_groups
 
 contains
 
-  subroutine read_response(reader, method, options, nu)
+  subroutine read_response(reader, usual, method, options, nu)
     type(group_reader), intent(inout) :: reader
+    !> The tolerance if none is given.
+    real(wp), intent(in) :: usual
     integer, intent(out) :: method
     type(response_options), intent(inout) :: options
     !> Frequencies (rad/s).
@@ -35,7 +37,7 @@ contains
     word = reader%read_text('method', 'auto', method_names, method)
     options%choose_harmonics = .true.
     call reader%read_count('harmonics', options%harmonics, 'auto', options%choose_harmonics)
-    call read_relative(reader, options%tolerance)
+    call read_relative(reader, options%tolerance, usual)
     options%absolute = reader%read_real('atol', 0.0_wp)
     options%max_iterations = reader%read_integer('max_iterations', options%max_iterations)
     options%relaxation = reader%read_real('relaxation', options%relaxation)

@@ -115,7 +115,7 @@ contains
     type(response_job), allocatable :: own
 
     allocate (own)
-    call read_response(reader, own%method, own%options, own%nu)
+    call read_response(reader, subject%usual_tolerance(), own%method, own%options, own%nu)
     call read_extra(reader, subject, own%extra)
     call move_alloc(own, job)
   end subroutine read_response_job

@@ -248,7 +248,7 @@ contains
     end if
 
     if (begin('values out of range have their line')) then
-      call wrong(mount//kernel//load//'&response nu=1,'//nl//'tolerance=0 /', ':5: tolerance = 0')
+      call wrong(mount//kernel//load//'&response nu=1,'//nl//'tolerance=-1 /', ':5: tolerance = -1')
       call wrong(mount//kernel//load//'&response nu=1,'//nl//'harmonics=400 /', &
                  ':5: harmonics = 400')
       call wrong(mount//kernel//load//'&response nu=1,'//nl//'relaxation=2 /', ':5: relaxation = 2')

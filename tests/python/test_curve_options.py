@@ -50,7 +50,8 @@ def test_it_is_an_argument_that_help_explains(name, function):
     one = inspect.signature(function).parameters[name]
     assert one.default == OPTIONS[name].default
     assert isinstance(one.default, int) == (name in WHOLE)
-    assert f"{name} : {one.annotation.__name__}\n" in function.__doc__ or not OPTIONS[name].text
+    kind = "int" if name in WHOLE else "float"
+    assert f"{name} : {kind}\n" in function.__doc__ or not OPTIONS[name].text
     assert "**curve" not in function.__doc__
 
 
@@ -73,6 +74,36 @@ def test_what_is_not_allowed_is_refused_by_every_face(tmp_path, name):
             scene.write_text(SYSTEM + group.format(f"{name}={value}"))
             with pytest.raises(vv.InputError, match=refused):
                 vv.run(scene)
+
+
+CORNERS = ["0.2*abs(x1)*x1", "max(x1 - 0.1, 0)", "0.1*tanh(x1_dot) + 0.3*where(x1 > 0.2, x1, 0.2)"]
+
+
+def by_structure(law):
+    spring = vv.Spring(on="x1", law=law.replace("x1_dot", "v").replace("x1", "d"))
+    return vv.Structure(mass=[1.0], stiffness=[1.0], damping=[0.1], elements=[spring])
+
+
+@pytest.mark.parametrize("law", [*CORNERS, "0.2*tanh(x1_dot)", "x1^3", "0.3*exp(x1)*x1"])
+def test_laws_with_corners_have_a_larger_tolerance(law, tmp_path):
+    usual = 1e-6 if law in CORNERS else 1e-10
+    told = "a relative error of 1e-6 (a law has corners)"
+    system = vv.PolynomialSystem(mass=1, stiffness=1, damping=0.1, forces=law, names=["x1"])
+    for one in (system, by_structure(law)):
+        response = vv.forced_response(one, [0.5], load={"x1": 0.1})
+        branch = vv.trace_response(one, (0.5, 0.55), load={"x1": 0.1}, stability=False)
+        for result in (response, branch):
+            assert result._tolerance == usual
+            assert (told in str(result.plan)) == (law in CORNERS)
+        assert vv.forced_response(one, [0.5], load={"x1": 0.1}, rtol=1e-7)._tolerance == 1e-7
+    scene = tmp_path / "scene.nml"
+    for group in ("response nu=0.5", "branch nu_from=0.5 nu_to=0.55 stability='no'"):
+        scene.write_text(
+            "&system coordinates='x1' mass=1 stiffness=1 damping=0.1 /\n"
+            f"&force on='x1' law='{law}' /\n&load amplitude=0.1 /\n&{group} /\n"
+        )
+        result = vv.run(scene).value
+        assert getattr(result, "branch", result)._tolerance == usual
 
 
 @pytest.mark.parametrize("shown", [False, True])

@@ -232,7 +232,8 @@ def test_a_branch_that_turns_back_on_itself_ends_soon():
         mass=[1, 1], stiffness=[[2, -1], [-1, 2]], damping=[[0.06, -0.02], [-0.02, 0.06]],
         names=["x", "y"], forces={"x": "where(x < -0.3714, 5.8204*(x + 0.1)^3, 0)"},
     )  # fmt: skip
-    branch = vv.trace_response(system, (1.5, 2), load=[0.3, 0], harmonics=41, stability=False)
+    branch = vv.trace_response(system, (1.5, 2), load=[0.3, 0], harmonics=41, stability=False,
+                               tolerance=1e-10)  # fmt: skip
     assert branch.outcome == "stuck"
     there = np.abs(branch.nu - branch.nu[-1]) < 1e-6
     assert 10 < there.sum() < 70

@@ -19,6 +19,10 @@ SWEPT = ("mount_map.nml",)
 MORE = {
     "linear_branch": "&system coordinates='x' mass=1 stiffness=1 damping=0.1 /\n"
     "&load amplitude=0.3 /\n&branch nu_from=0.5 nu_to=2 /\n",
+    "corners": "&system coordinates='x' mass=1 stiffness=1 damping=0.1 /\n"
+    "&force on='x' law='0.3*abs(x)*x' /\n&load amplitude=0.3 /\n&response nu=0.5 0.6 1.2 /\n",
+    "corners_of_a_branch": "&system coordinates='x' mass=1 stiffness=1 damping=0.1 /\n"
+    "&force on='x' law='0.3*abs(x)*x' /\n&load amplitude=0.3 /\n&branch nu_from=0.5 nu_to=0.7 /\n",
     "judged": """&scene title='a response, its stability and its mean' /
 &system coordinates='x' 'y' mass=1 1 stiffness=2 -1 -1 2 damping=0.1 0 0 0.1 /
 &force on='x' law='0.5*x^3 + 0.2*x^2' /

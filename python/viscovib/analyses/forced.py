@@ -20,6 +20,7 @@ from viscovib.systems.oscillators import Steady
 from viscovib.systems.pendulum import Pendulum
 from viscovib.systems.polynomial_system import PolynomialSystem
 from viscovib.systems.structure import Structure
+from viscovib.systems.whole import usual_tolerance
 
 
 @overload
@@ -31,7 +32,7 @@ def forced_response(
     base: LoadLike | None = None,
     method: str = "auto",
     harmonics: int | str = "auto",
-    tolerance: float = 1e-10,
+    tolerance: float | None = None,
     rtol: float | None = None,
     atol: float = 0.0,
     max_iterations: int = 200,
@@ -53,7 +54,7 @@ def forced_response(
     m01: npt.ArrayLike | None = None,
     m02: npt.ArrayLike | None = None,
     harmonics: int | str = "auto",
-    tolerance: float = 1e-10,
+    tolerance: float | None = None,
     rtol: float | None = None,
     stability: bool = False,
     duration: float | None = None,
@@ -74,7 +75,7 @@ def forced_response(
     m02: npt.ArrayLike | None = None,
     method: str = "auto",
     harmonics: int | str = "auto",
-    tolerance: float = 1e-10,
+    tolerance: float | None = None,
     rtol: float | None = None,
     atol: float = 0.0,
     max_iterations: int = 200,
@@ -136,10 +137,11 @@ def forced_response(
         part of the list. Harmonics that are 0 by symmetry are dropped: even ones and the mean, if
         the load does not contain them.
     tolerance : float
-        A second name of ``rtol``.
+        A second name of ``rtol``. Default: 1e-10, and 1e-6 if a force law has corners (abs, min,
+        max, sign, hysteresis), because its harmonics decrease slowly.
     rtol, atol : float
         The errors of the iteration and of neglected harmonics are at most rtol times the size of
-        the motion plus atol: rtol 1e-14 to 0.1 (default 1e-10), atol in the unit of each coordinate
+        the motion plus atol: rtol 1e-14 to 0.1, atol in the unit of each coordinate
         (default 0; not for a pendulum). The size of a motion is its largest sqrt(M_ii) (abs(Re X) +
         abs(Im X)) of all coordinates i and harmonics, with the mass matrix M, so metres and radians
         are weighted by inertia. atol refers to the coordinate with the smallest inertia, so every
@@ -209,7 +211,7 @@ def forced_response(
     >>> print(*response.methods)
     successive newton
     """
-    given = with_rtol(locals())
+    given = with_rtol(locals(), usual_tolerance(system))
     if isinstance(system, Pendulum):
         return pendulum_response(**_PENDULUM_RESPONSE.of(given))
     if not isinstance(system, _STEADY):
@@ -225,7 +227,7 @@ def plan_response(
     base: LoadLike | None = None,
     method: str = "auto",
     harmonics: int | str = "auto",
-    tolerance: float = 1e-10,
+    tolerance: float | None = None,
     rtol: float | None = None,
     atol: float = 0.0,
     max_iterations: int = 200,
@@ -257,7 +259,7 @@ def plan_response(
     ... )
     >>> skipped = vv.plan_response(mount, [1.0, 2.0], load=0.1)["skips"]
     """
-    given = with_rtol(locals())
+    given = with_rtol(locals(), usual_tolerance(system))
     del given["rtol"]
     return mount_plan(**given)
 

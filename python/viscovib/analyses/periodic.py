@@ -31,6 +31,7 @@ from viscovib.systems.oscillators import Steady
 from viscovib.systems.pendulum import Pendulum
 from viscovib.systems.polynomial_system import PolynomialSystem
 from viscovib.systems.structure import Structure
+from viscovib.systems.whole import usual_tolerance
 
 
 class _CurveOptions(CurveKeywords, total=False):
@@ -177,8 +178,9 @@ def trace_response(
         A second name of ``rtol``.
     rtol, atol : float
         The last correction, and for an oscillator the effect of neglected harmonics, are at most
-        rtol times the size of the motion plus atol: rtol 1e-14 to 0.1 (default 1e-10), atol in the
-        unit of the coordinates (default 0), as for `forced_response`. For a pendulum rtol alone
+        rtol times the size of the motion plus atol: rtol 1e-14 to 0.1 (default 1e-10, and 1e-6 if
+        a force law has corners), atol in the unit of the coordinates (default 0), as for
+        `forced_response`. For a pendulum rtol alone
         selects the harmonics.
     **curve
     stability : bool
@@ -229,7 +231,7 @@ def trace_response(
     2
     """
     # The bar is the same whatever the system.
-    given = with_curve(locals() | {"progress": False}, "trace_response")
+    given = with_curve(locals() | {"progress": False}, "trace_response", usual_tolerance(system))
     with counted_pieces(PROGRESS.check(progress)):
         if isinstance(system, Pendulum):
             return trace_pendulum(**_TRACE_PENDULUM.of(given))

@@ -17,10 +17,11 @@ class Option:
     """Default, bounds and description of an option.
 
     ``other`` is a value that changes the curve of a Duffing oscillator, so that tests can check the
-    effect. An option without ``text`` is documented by the functions themselves.
+    effect. The default None is selected by the system; a scene writes 0 for it. An option without
+    ``text`` is documented by the functions themselves.
     """
 
-    default: float
+    default: float | None
     lowest: float
     highest: float
     other: float
@@ -30,7 +31,7 @@ class Option:
 class CurveKeywords(TypedDict, total=False):
     """The options. An integer has the type int, any other number float."""
 
-    tolerance: Annotated[float, Option(1e-10, 1e-14, 0.1, 1e-4)]
+    tolerance: Annotated[float | None, Option(None, 1e-14, 0.1, 1e-4)]
     max_points: Annotated[int, Option(2000, 2, 100000, 9, "Largest number of points.")]
     max_step: Annotated[
         float, Option(0.1, 1e-4, 1, 0.01, "Largest step relative to the present point.")

@@ -232,8 +232,10 @@ _CURVE_BOUNDS: tuple[Parameter[Any], ...] = tuple(
 #: ... and the words for how curves end.
 CURVE_OUTCOMES = tuple(_limits["endings"].split(","))
 
-#: If nothing is given.
-_TOLERANCE = CURVE_DEFAULTS["tolerance"]
+#: Tolerances of steady motions if none is given: of smooth forces, and of laws with corners, whose
+#: harmonics decrease slowly. These bounds are those of the core.
+SMOOTH_TOLERANCE: float = _limits["smooth_tolerance"]
+CORNER_TOLERANCE: float = _limits["corner_tolerance"]
 
 
 @dataclass(frozen=True)
@@ -271,11 +273,16 @@ def checked(table: Iterable[Parameter[Any]], given: Mapping[str, Any]) -> dict[s
 OSCILLATOR, PENDULUM = "a mount, a polynomial system or a structure", "a pendulum"
 
 
-def with_rtol(given: dict[str, Any]) -> dict[str, Any]:
-    """Put ``rtol`` in the place of ``tolerance`` in arguments of a public function."""
+def with_rtol(given: dict[str, Any], usual: float = SMOOTH_TOLERANCE) -> dict[str, Any]:
+    """Put ``rtol`` in the place of ``tolerance`` in arguments of a public function.
+
+    ``usual``: the tolerance if neither is given.
+    """
     rtol = given["rtol"]
+    if rtol is None and given["tolerance"] is None:
+        given["tolerance"] = usual
     if rtol is not None:
-        if given["tolerance"] != _TOLERANCE:
+        if given["tolerance"] is not None:
             raise InputError("tolerance, rtol: tolerance is another name of rtol, give one of them")
         given["tolerance"] = _RELATIVE.check(rtol)
         given["rtol"] = None
@@ -296,7 +303,7 @@ def with_curve_options(function: _F) -> _F:
             name,
             SignatureParameter.KEYWORD_ONLY,
             default=one.default,
-            annotation=int if name in WHOLE else float,
+            annotation=int if name in WHOLE else float | None if one.default is None else float,
         )
         for name, one in OPTIONS.items()
     ]
@@ -319,12 +326,14 @@ def _documented() -> str:
     return indent("\n".join(lines) + "\n", "    ")
 
 
-def with_curve(given: dict[str, Any], called: str) -> dict[str, Any]:
+def with_curve(
+    given: dict[str, Any], called: str, usual: float = SMOOTH_TOLERANCE
+) -> dict[str, Any]:
     """Add the options of ``**curve`` to the other arguments, with their defaults."""
     curve = given.pop("curve")
     for name in curve.keys() - OPTIONS.keys():
         raise TypeError(f"{called}() got an unexpected keyword argument {name!r}")
-    return with_rtol(given | CURVE_DEFAULTS | curve)
+    return with_rtol(given | CURVE_DEFAULTS | curve, usual)
 
 
 class Taken:

@@ -350,6 +350,9 @@ class Scene:
         if name not in self.groups:
             raise InputError(f"{self.path}: has no &{name} group")
         group: Mapping[str, Any] = self.groups[name]
+        if name != "multiple_scales" and group.get("tolerance") == 0:
+            # Not given.
+            return {**group, "tolerance": None}
         return group
 
     def _motion(self) -> dict[str, Any]:
@@ -364,7 +367,7 @@ class Scene:
             more["nu"] = group["nu"]
         accuracy = {name: group[name] or None for name in ("rtol", "atol")}
         if not any(accuracy.values()):
-            accuracy = {"tolerance": group["tolerance"] or None}
+            accuracy = {"tolerance": group["tolerance"]}
         return {
             "system": self.pendulum() if self.is_pendulum else self.oscillator(),
             **more,

@@ -12,6 +12,7 @@ import numpy as np
 
 from viscovib import _native
 from viscovib._native import FloatArray
+from viscovib.common.parameters import CORNER_TOLERANCE, SMOOTH_TOLERANCE
 from viscovib.errors import InputError
 from viscovib.systems.element_laws import Monomials, add_force
 from viscovib.systems.elements import coupling_terms
@@ -55,6 +56,11 @@ def has_kinks(system: object) -> bool:
         return switches(system)
     groups = system.groups if isinstance(system, PolynomialSystem) else ()
     return any(law.state or law.branches for group in groups for _, law in group.laws)
+
+
+def usual_tolerance(system: object) -> float:
+    """Return the relative error of steady motions if none is given: larger with corners."""
+    return CORNER_TOLERANCE if has_kinks(system) else SMOOTH_TOLERANCE
 
 
 @once_each
