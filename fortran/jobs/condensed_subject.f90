@@ -19,7 +19,6 @@ contains
     logical, intent(in) :: stability
     type(subject_type), intent(out) :: condensed
     logical, intent(out) :: is_condensed
-    type(status_type) :: status
 
     is_condensed = .false.
     if (.not. subject%is_polynomial .or. subject%is_structure .or. subject%is_body) return

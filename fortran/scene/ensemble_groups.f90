@@ -34,9 +34,10 @@ contains
     integer :: count_of, place
 
     if (.not. subject%goes_side_by_side()) then
-      call reader%complain('ensemble', '&ensemble: is for &pendulum and for &system without ' &
-                           //'kernels, of at most 6 coordinates (3 with lyapunov), with smooth ' &
-                           //'laws; others by Python (vv.simulate_ensemble)')
+      call reader%complain('ensemble', '&ensemble: is for &pendulum and for &system and ' &
+                           //'&structure without kernels, of at most 6 coordinates with mass (3 ' &
+                           //'with lyapunov), with smooth laws; others by Python ' &
+                           //'(vv.simulate_ensemble)')
       return
     end if
     if (subject%is_pendulum) then

@@ -32,7 +32,7 @@ module viscovib_scene
   use viscovib_subject, only: name_length, subject_type
   use viscovib_sweep_groups, only: read_sweep
   use viscovib_system_groups, only: read_system
-  use viscovib_whole_structure, only: switches, whole_polynomial
+  use viscovib_whole_structure, only: may_be_whole, switches, whole_polynomial
   implicit none
   private
 
@@ -150,19 +150,29 @@ contains
   end subroutine read_subject
 
   !> In time a small structure whose laws switch goes by its whole equations, where steps end at the
-  !! switches, unless the scene asks for what only the condensed ones have.
+  !! switches, unless the scene asks for what only the condensed ones have; so do ensembles, whose
+  !! motions go side by side.
   subroutine go_whole(file, load, subject, status)
     type(namelist_type), intent(in) :: file
     type(load_type), intent(in) :: load
     type(subject_type), intent(inout) :: subject
     type(status_type), intent(inout) :: status
 
-    if (place_of_motion(file) > size(file%groups)) return
-    if (.not. switches(subject%model)) return
+    logical :: is_ensemble
+
+    is_ensemble = place_of(file, 'ensemble') <= size(file%groups)
+    if (is_ensemble) then
+      if (.not. may_be_whole(subject%model)) return
+    else
+      if (place_of_motion(file) > size(file%groups)) return
+      if (.not. switches(subject%model)) return
+    end if
     call whole_polynomial(subject%model, subject%structure%kernels, subject%polynomial, status)
     if (status%failed()) return
-    if (.not. fits_sections(file, subject%polynomial)) return
-    subject%goes_whole = .true.
+    if (.not. is_ensemble) then
+      if (.not. fits_sections(file, subject%polynomial)) return
+      subject%goes_whole = .true.
+    end if
     subject%load = load
     subject%is_structure = .false.
     subject%is_polynomial = .true.

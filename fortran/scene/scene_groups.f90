@@ -34,8 +34,9 @@ module viscovib_scene_groups
                                  repeatable(9) = &
     [character(len=15) :: 'kernel', 'load', 'spring', 'force', 'element', 'layer', 'mount_point', &
      'event', 'sweep'], &
-                                 of_structures(6) = &
-    [character(len=15) :: 'response', 'branch', 'backbone', 'modes', 'transient', 'basins']
+                                 of_structures(7) = &
+    [character(len=15) :: 'response', 'branch', 'backbone', 'modes', 'transient', 'basins', &
+     'ensemble']
 
 contains
 

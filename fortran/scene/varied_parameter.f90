@@ -1,4 +1,4 @@
-!> The &system of a scene with other values of one of its &parameters.
+!> The &system or &structure of a scene with other values of one of its &parameters.
 module viscovib_varied_parameter
   use viscovib_group_reader, only: group_reader
   use viscovib_growing_text, only: growing_text
@@ -9,9 +9,13 @@ module viscovib_varied_parameter
   use viscovib_polynomial, only: polynomial_type
   use viscovib_scene_groups, only: place_of
   use viscovib_status, only: fail, show, status_input_error, status_type
+  use viscovib_structure, only: structure_type
+  use viscovib_structure_groups, only: read_structure
+  use viscovib_structure_model, only: structure_model
   use viscovib_subject, only: name_length
   use viscovib_system_groups, only: read_system
   use viscovib_varied_system, only: varied_system
+  use viscovib_whole_structure, only: whole_polynomial
   implicit none
   private
 
@@ -36,6 +40,8 @@ contains
     type(growing_text) :: echo
     character(len=:), allocatable :: unused
     character(len=name_length), allocatable :: coordinates(:), units(:)
+    type(structure_model) :: model
+    type(structure_type) :: condensed
     integer :: at, i
 
     file = self%file
@@ -43,7 +49,13 @@ contains
     i = file%groups(at)%find(self%name)
     file%groups(at)%entries(i)%values(1)%text = trim(exact(value))
     call read_parameters(file, unused, echo, status)
-    if (.not. status%failed()) call read_system(file, system, coordinates, units, echo, status)
+    if (status%failed()) return
+    if (place_of(file, 'structure') > size(file%groups)) then
+      call read_system(file, system, coordinates, units, echo, status)
+    else
+      call read_structure(file, model, condensed, coordinates, units, echo, status)
+      if (.not. status%failed()) call whole_polynomial(model, condensed%kernels, system, status)
+    end if
     if (status%failed()) return
     do i = 1, size(system%laws)
       if (system%laws(i)%program%n_surfaces() == 0) cycle

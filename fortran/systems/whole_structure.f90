@@ -15,20 +15,26 @@ module viscovib_whole_structure
   implicit none
   private
 
-  public :: switches, whole_polynomial
+  public :: may_be_whole, switches, whole_polynomial
 
 contains
 
-  !> Whether it is small, all with mass, and has laws with kinks or jumps.
+  !> Whether it is small, all with mass, and its losses are those of dampers.
+  pure logical function may_be_whole(model) result(may)
+    type(structure_model), intent(in) :: model
+    may = .false.
+    if (model%is_reduced .or. size(model%mass, 1) > most_in_frame) return
+    if (.not. is_definite(model%mass)) return
+    may = .not. (abs(model%modal%loss) > 0.0_wp .or. any(model%rest%idle))
+  end function may_be_whole
+
+  !> Whether it also has laws with kinks or jumps.
   pure logical function switches(model)
     type(structure_model), intent(in) :: model
     integer :: i, j
 
     switches = .false.
-    if (model%is_reduced .or. size(model%mass, 1) > most_in_frame) return
-    if (.not. is_definite(model%mass)) return
-    if (abs(model%modal%loss) > 0.0_wp) return
-    if (any(model%rest%idle)) return
+    if (.not. may_be_whole(model)) return
     do i = 1, size(model%elements)
       do j = 1, size(model%elements(i)%laws)
         switches = switches .or. any(branches(model%elements(i)%laws(j)%program%code))

@@ -293,3 +293,43 @@ def test_a_parameter_that_cannot_vary(solve, tmp_path, changes, text):
     assert text in done.stderr
     assert "many.nml:" in done.stderr
     assert len(done.stderr.strip().splitlines()) == 1
+
+
+@pytest.mark.parametrize(
+    "vary", ["nu", "load_scale", "k3", "stiffness_scale", "damping_scale", "forces_scale"]
+)
+def test_ensembles_of_structures_are_those_of_python(solve, tmp_path, vary):
+    """All numbers of a structure whose element has a linear and a cubic part."""
+    values = np.linspace(0.8, 1.3, 5)
+    given = {} if vary == "nu" else {"nu": 1.1}
+    text = f"""&structure mass=1 1 stiffness=2 -1 -1 2 damping=0.1 0.1 /
+&element on='x1' law='0.3*d + k3*d^3' /
+&parameters k3=0.5 /
+&load on='x1' amplitude=0.3 /
+&ensemble vary='{vary}' from=0.8 to=1.3 count=5 initial=0.2 0 0.1 0 t_end=20
+  {"" if vary == "nu" else "nu=1.1"} /
+"""
+    table = _run(solve, tmp_path, text)
+    spring = vv.Spring(on="x1", law="0.3*d + k3*d^3", parameters={"k3": 0.5})
+    structure = vv.Structure(
+        mass=[1, 1], stiffness=[[2, -1], [-1, 2]], damping=[0.1, 0.1], elements=[spring]
+    )
+    name = "elements[0].k3" if vary == "k3" else vary
+    many = vv.simulate_ensemble(
+        structure, t_end=20, initial=[0.2, 0, 0.1, 0], load={1: {"x1": 0.3}},
+        parameters={name: values}, **given,
+    )  # fmt: skip
+    np.testing.assert_allclose(table["x1"], many.state[:, 0], rtol=0, atol=1e-9)
+    np.testing.assert_allclose(table["x2_dot"], many.state[:, 3], rtol=0, atol=1e-9)
+
+
+def test_ensembles_of_structures_with_memory_are_refused(solve, tmp_path):
+    scene = tmp_path / "many.nml"
+    scene.write_text(
+        "&structure mass=1 stiffness=1 /\n&kernel weights=0.2 rates=1 kind='prony' /\n"
+        "&element on='x1' stiffness=0.5 kernel=1 /\n&load on='x1' amplitude=0.3 /\n"
+        "&ensemble vary='nu' from=1 to=2 count=3 initial=0 0 t_end=20 /\n"
+    )
+    done = solve(scene, "--out", tmp_path)
+    assert done.returncode == 2
+    assert "without kernels" in done.stderr
