@@ -21,8 +21,8 @@ module viscovib_complex_power
 
   public :: power_of_quadrant, power_of_quadrant_scalar, gamma_function
 
-  !> Elements computed together; a shorter rest is padded, so that an element
-  !! never depends on its place.
+  !> Elements computed together, 8 or a multiple of 8; a shorter rest is padded, so
+  !! that an element never depends on its place.
   integer, parameter :: block_size = 64
   !> Beyond these x^2 + y^2 leaves the range of numbers.
   real(wp), parameter :: smallest = 1.0e-150_wp, largest = 1.0e150_wp
@@ -61,7 +61,8 @@ contains
       do i = 1, n
         if (.not. in_range(x, y_block(i))) y_block(i) = 1.0_wp
       end do
-      call power_of_block(factor, alpha, merge(x, 0.0_wp, x <= largest), y_block, c_block, s_block)
+      call power_of_block(factor, alpha, merge(x, 0.0_wp, x <= largest), (n + 7)/8*8, y_block, &
+                          c_block, s_block)
       c(first:first + n - 1) = c_block(:n)
       s(first:first + n - 1) = s_block(:n)
       do i = first, first + n - 1
@@ -99,16 +100,19 @@ contains
     end if
   end subroutine power_of_quadrant_scalar
 
-  pure subroutine power_of_block(factor, alpha, x, y, c, s)
-    real(wp), intent(in) :: factor, alpha, x, y(block_size)
+  pure subroutine power_of_block(factor, alpha, x, n, y, c, s)
+    real(wp), intent(in) :: factor, alpha, x
+    !> Elements, whole registers.
+    integer, intent(in) :: n
+    real(wp), intent(in) :: y(block_size)
     real(wp), intent(out) :: c(block_size), s(block_size)
     real(wp) :: modulus(block_size), angle, turned, slope, sine, cosine
     integer :: i
 
-    do i = 1, block_size
+    do i = 1, n
       modulus(i) = factor*power(x*x + y(i)*y(i), 0.5_wp*alpha)
     end do
-    do i = 1, block_size
+    do i = 1, n
       slope = arc_tangent(min(x, y(i)), max(x, y(i)))
       angle = alpha*merge(slope, half_pi - slope, y(i) <= x)
       turned = merge(half_pi - angle, (1.0_wp - alpha)*half_pi + alpha*slope, y(i) <= x)

@@ -6,6 +6,7 @@ module viscovib_rzhanitsyn
   use, intrinsic :: ieee_arithmetic, only: ieee_positive_inf, ieee_value
   use viscovib_checks, only: check_fraction, check_not_negative
   use viscovib_complex_power, only: gamma_function, power_of_quadrant
+  use viscovib_constants, only: pi
   use viscovib_gauss_points, only: points_16, weights_16
   use viscovib_kernel, only: panel_nodes, vanished
   use viscovib_kinds, only: wp
@@ -83,12 +84,40 @@ contains
     slope = transform*cmplx(0.0_wp, -self%alpha, wp)/cmplx(self%beta, mu, wp)
   end subroutine transform_slope
 
-  !> A Gamma(alpha) (beta + s)^(-alpha), cut along s <= -beta.
+  !> A Gamma(alpha) (beta + s)^(-alpha), cut along s <= -beta. Points of equal real part, as along a
+  !! line or of all orders of a determinant, together; left of -beta by
+  !! z^(-alpha) = exp(-i pi alpha) conjg((-conjg(z))^(-alpha)), Im z >= 0.
   subroutine laplace(self, s, transform)
     class(rzhanitsyn_kernel), intent(in) :: self
     complex(wp), intent(in) :: s(:)
     complex(wp), intent(out) :: transform(:)
-    transform = self%factor*(self%beta + s)**(-self%alpha)
+    integer, parameter :: part = 64
+    real(wp) :: cosine(part), sine(part), x
+    complex(wp) :: turn
+    integer :: first, last, n
+
+    turn = exp(cmplx(0.0_wp, -pi*self%alpha, wp))
+    first = 1
+    do while (first <= size(s))
+      last = first
+      do while (last < min(first + part - 1, size(s)))
+        if (abs(real(s(last + 1)) - real(s(first))) > 0.0_wp) exit
+        last = last + 1
+      end do
+      n = last - first + 1
+      x = self%beta + real(s(first))
+      call power_of_quadrant(self%factor, self%alpha, abs(x), abs(aimag(s(first:last))), &
+                             cosine(:n), sine(:n))
+      associate (values => transform(first:last))
+        if (x < 0.0_wp) then
+          values = turn*cmplx(cosine(:n), sine(:n), wp)
+        else
+          values = cmplx(cosine(:n), -sine(:n), wp)
+        end if
+        values = cmplx(real(values), sign(1.0_wp, aimag(s(first:last)))*aimag(values), wp)
+      end associate
+      first = last + 1
+    end do
   end subroutine laplace
 
   subroutine value(self, t, r)

@@ -32,7 +32,7 @@ module viscovib_hill_clusters
   !> Circles tried, each twice as wide, from this many times the distance of the outermost zero, and
   !! the least radius in d: within it D itself is lost.
   integer, parameter :: n_circles = 6
-  real(wp), parameter :: wider = 4.0_wp, least = 1.0e-5_wp
+  real(wp), parameter :: wider = 8.0_wp, least = 2.0e-5_wp
   !> Numbers are told apart from as many times what rounding moves them.
   real(wp), parameter :: sure = 8.0_wp
 

@@ -44,6 +44,8 @@ module viscovib_motion_stability
   !! motion itself; and how far memory must fade faster than it, in d.
   real(wp), parameter :: wide(2) = [0.2_wp, 5.0e-3_wp], narrow(2) = [0.05_wp, 1.0e-3_wp]
   real(wp), parameter :: least_room = 1.0e-6_wp
+  !> Step along a curve, in the one before, up to which exponents are continued along lines.
+  real(wp), parameter :: longest_step = 3.0_wp
 
   !> Of n solutions.
   type :: stability_type
@@ -387,27 +389,33 @@ contains
     logical, intent(in) :: jumps(:)
     integer, intent(inout), optional :: cancel
     complex(wp), intent(in), optional :: beside(:)
-    complex(wp) :: near(self%n_slots)
+    complex(wp), dimension(self%n_slots) :: near, before, starts
     real(wp) :: period
-    integer :: i
+    integer :: i, at(2)
 
     near = not_a_number()
+    before = near
+    at = 0
     period = -1.0_wp
     if (present(beside)) near = beside
     do i = 1, size(nu)
       if (given_up(cancel)) return
       if (ieee_is_nan(x(1, 1, i)) .or. stability%n_growing(i) >= 0 .or. jumps(i)) cycle
+      starts = near
+      if (at(2) > 0) starts = continued(before, near, (nu(i) - nu(at(1)))/(nu(at(1)) - nu(at(2))))
       ! Those at i d/2 stay there.
       where (abs(aimag(near) - 0.5_wp*period) <= 0.0_wp)
-        near = cmplx(real(near), 0.5_wp*merge(2, 1, self%half_wave)*nu(i), wp)
+        starts = cmplx(real(starts), 0.5_wp*merge(2, 1, self%half_wave)*nu(i), wp)
       end where
       call self%hill%along(system, nu(i), x(:, :, i))
       period = self%hill%period
       associate (exponents => stability%exponents(:, i))
-        call judge_by_hill(self%hill, system, near, exponents, stability%n_growing(i), &
+        call judge_by_hill(self%hill, system, starts, exponents, stability%n_growing(i), &
                            stability%slowest(i))
         call sharpen_clusters(self%hill, system, exponents)
+        before = near
         near = exponents
+        at = [i, at(1)]
         ! Exponents that are not those counted are not told, and then none is the slowest.
         if (n_right_of(0.0_wp, exponents) /= stability%n_growing(i)) then
           exponents = not_a_number()
@@ -417,6 +425,29 @@ contains
       end associate
     end do
   end subroutine by_hill
+
+  !> Exponents at the next solution of a curve by those at two, along straight lines; those that are
+  !! no number in one of them, and after turns and long steps, as at the second.
+  pure function continued(first, second, part) result(next)
+    complex(wp), intent(in) :: first(:), second(:)
+    !> Of the last step, the next one.
+    real(wp), intent(in) :: part
+    complex(wp) :: next(size(second))
+    real(wp) :: distance(size(first))
+    integer :: i, nearest
+
+    next = second
+    if (.not. (part > 0.0_wp .and. part < longest_step)) return
+    do i = 1, size(second)
+      if (ieee_is_nan(real(second(i)))) cycle
+      distance = abs(first - second(i))
+      where (ieee_is_nan(real(first))) distance = huge(1.0_wp)
+      nearest = minloc(distance, 1)
+      ! Not where another is as near to the former one.
+      if (any(abs(second - first(nearest)) < distance(nearest))) cycle
+      if (distance(nearest) < huge(1.0_wp)) next(i) = second(i) + part*(second(i) - first(nearest))
+    end do
+  end function continued
 
   !> One solution, that of `hill`.
   subroutine judge_by_hill(hill, system, near, exponents, n_growing, slowest)

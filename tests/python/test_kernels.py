@@ -362,3 +362,27 @@ def test_sums_for_rabotnov_meet_their_tolerance(alpha):
             whole = mpmath.quad(lambda x, time=time: density(x, time), cuts)
             expected = mpmath.sin(mpmath.pi * a) / mpmath.pi * whole
             assert abs(close(time) / expected - 1) < 1.5e-13
+
+
+@pytest.mark.parametrize("beta", [0.0, 0.3])
+def test_laplace_of_points_with_equal_real_parts(beta):
+    """Right and left of -beta, above, on and below the real axis: by mpmath, and as alone."""
+    import mpmath
+
+    alpha, amplitude = 0.35, 0.2
+    if beta:
+        kernel = vv.RzhanitsynKernel(amplitude=amplitude, alpha=alpha, beta=beta)
+    else:
+        kernel = vv.AbelKernel(amplitude=amplitude, alpha=alpha)
+    heights = np.array([-1e5, -2.0, -1e-9, 1e-12, 0.3, 7.0, 1e4])
+    for real in (-2.0, -beta, 1e-3, 40.0):
+        s = real + 1j * np.tile(heights, 12)
+        found = kernel.laplace(s)
+        np.testing.assert_array_equal(found, [kernel.laplace(point) for point in s])
+        for value, point in zip(found, s, strict=True):
+            exact = (
+                amplitude
+                * mpmath.gamma(alpha)
+                * (mpmath.mpf(beta) + mpmath.mpc(point)) ** (-mpmath.mpf(alpha))
+            )
+            assert abs(mpmath.mpc(value) - exact) <= 1e-15 * abs(exact)
