@@ -16,6 +16,8 @@ module viscovib_kernel
   public :: kernel_type, shrinking
 
   type, abstract :: kernel_type
+    !> Until when R is smooth from t = 0 on, if it is not smooth later; else 0.
+    real(wp) :: smooth_until = 0.0_wp
   contains
     !> R_c(mu) = integral_0^inf R(t) cos(mu t) dt and R_s(mu) with the sine.
     procedure(transform_interface), deferred :: transform

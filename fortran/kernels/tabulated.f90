@@ -101,6 +101,7 @@ contains
       kernel%values = [start, values]
       n = n + 1
     end if
+    kernel%smooth_until = kernel%times(2)
     associate (t => kernel%times, r => kernel%values)
       if (interpolation == interpolation_linear) then
         kernel%slopes = (r(2:) - r(:n - 1))/(t(2:) - t(:n - 1))

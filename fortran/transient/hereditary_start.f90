@@ -90,7 +90,8 @@ module viscovib_hereditary_start
 
 contains
 
-  !> March over [0, h]. `made` is false if a panel does not settle: the step is too large.
+  !> March over [0, h]. `made` is false where a plain step will do, and if a panel does not settle:
+  !! the step is too large.
   subroutine march_start(start, system, channels, load, known_past, h, panels, made)
     type(start_type), intent(out) :: start
     class(oscillator_type), intent(in) :: system
@@ -109,6 +110,8 @@ contains
     real(wp) :: of_old(size(channels%kernel_of))
     integer :: k, m, nodes
 
+    made = .false.
+    if (.not. known_past%is_known() .and. is_smooth(system, channels, h)) return
     nodes = nodes_of(h)
     allocate (g(0:nodes + 1, size(channels%kernel_of)), points(0:nodes + 1, system%n_dof()))
     allocate (before, mold=g)
@@ -159,6 +162,23 @@ contains
     start%past%length = length
     start%past%last = g
   end subroutine march_start
+
+  !> True if the kernels are smooth over the first step, and so is the motion. Masses at points would
+  !! not meet what is not smooth in them later, as knots of a table and the jump at its end, with the
+  !! order of the steps.
+  pure logical function is_smooth(system, channels, h)
+    class(oscillator_type), intent(in) :: system
+    type(channels_type), intent(in) :: channels
+    real(wp), intent(in) :: h
+    integer :: k
+
+    is_smooth = .true.
+    do k = 1, size(system%kernels)
+      if (any(channels%kernel_of == k)) then
+        is_smooth = is_smooth .and. h <= system%kernels(k)%kernel%smooth_until
+      end if
+    end do
+  end function is_smooth
 
   !> Nodes of the panels of a first step. The intervals of a step half as long, and of the step
   !! after it, are some of those of the whole: with other nodes, errors there differ.

@@ -508,3 +508,56 @@ def test_steps_end_where_a_start_returns_through_the_end_of_a_table(times, value
     assert run.state[-1, 0] == pytest.approx((4 * fine - coarse) / 3, abs=3e-7)
     assert run.stats["steps"] < 1000
     assert run.t[-1] == end
+
+
+def by_steps(times, values, stiffness, cubic, damping, load, nu, initial, t_end, length):
+    """Return x, x_dot at t_end: integrals of the spring force at the delays, from SciPy.
+
+    R is straight between knots t_i that are multiples of ``length`` and 0 after the last one. With
+    Y' = w and Z' = Y of the spring force w, the memory is R(0) Y + sum_i slope_i (Z(t - t_i) -
+    Z(t - t_i+1)) - R(t_n) Y(t - t_n).
+    """
+    pieces = []
+
+    def before(t, k):
+        return 0.0 if t <= 0 else pieces[min(int(t / length + 1e-9), len(pieces) - 1)](t)[k]
+
+    slopes = np.diff(values) / np.diff(times)
+
+    def rates(t, s, now):
+        x, v, y, _z = s
+        w = stiffness * x + cubic * x**3
+
+        def past(lag, k):
+            return s[k] if lag == 0 else before(now + (t - now) - lag, k)
+
+        memory = values[0] * y - values[-1] * past(times[-1], 2)
+        for slope, one, other in zip(slopes, times[:-1], times[1:], strict=True):
+            memory += slope * (past(one, 3) - past(other, 3))
+        return [v, load * np.sin(nu * t) - damping * v - w + memory, w, y]
+
+    state = [*initial, 0.0, 0.0]
+    for k in range(round(t_end / length)):
+        found = solve_ivp(
+            rates, (k * length, (k + 1) * length), state, "DOP853", rtol=1e-13, atol=1e-15,
+            dense_output=True, max_step=length / 8, args=(k * length,),
+        )  # fmt: skip
+        pieces.append(found.sol)
+        state = found.y[:, -1]
+    return state[:2]
+
+
+@pytest.mark.filterwarnings("ignore::viscovib.StabilityWarning")
+def test_a_table_that_ends_above_zero_keeps_the_order_of_the_steps():
+    """With a displacement at the start: steps that end at the knots see no delayed jump inside."""
+    rng = np.random.default_rng(3)
+    for times in ([0, 0.5, 2, 3], [0, 0.5, 1], [0, 0.25, 0.75, 3.5]):
+        values = np.sort(rng.uniform(0.02, 0.4, len(times)))[::-1].round(3)
+        cubic, damping, start = rng.uniform(0.2, 1), rng.uniform(0.05, 0.2), rng.uniform(0.2, 0.5)
+        system = vv.PolynomialSystem(
+            mass=1, stiffness=2, damping=damping, forces=f"{cubic}*x^3",
+            kernel=vv.TabulatedKernel(times=times, values=values),
+        )  # fmt: skip
+        found = vv.simulate(system, 4, dt=1 / 16, initial=[start, 0], load=0.3, nu=1.1, keep="last")
+        known = by_steps(times, values, 2.0, cubic, damping, 0.3, 1.1, [start, 0], 4, 0.25)
+        np.testing.assert_allclose(found.state[-1], known, rtol=0, atol=1e-11)

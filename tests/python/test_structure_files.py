@@ -1,5 +1,7 @@
 """Structures in files: what is written comes back, reduced ones in their modes."""
 
+from itertools import product
+
 import numpy as np
 import pytest
 import viscovib as vv
@@ -98,6 +100,10 @@ def test_wrong_files(tmp_path):
     write_matrix(tmp_path / "m.mtx", np.eye(5))
     with pytest.raises(vv.InputError, match=r"stiffness: .*k.mtx has 6 rows, must have 5 as mass"):
         vv.Structure.read(tmp_path / "m.mtx", tmp_path / "k.mtx")
+    for ending, (rows, columns) in product((".npz", ".mtx"), ((2, 7), (7, 2), (5, 6))):
+        write_matrix(tmp_path / f"o{ending}", np.tril(np.ones((rows, columns)), -1))
+        with pytest.raises(vv.InputError, match=rf"{rows} x {columns}, must be square"):
+            vv.Structure.read(tmp_path / "m.mtx", tmp_path / f"o{ending}")
     with pytest.raises(vv.FileError, match=r"stiffness: .*none.mtx cannot be read"):
         vv.Structure.read(tmp_path / "m.mtx", tmp_path / "none.mtx")
     with pytest.raises(vv.InputError, match=r"mass = .*m.mtx': must end in .npz to hold a whole"):

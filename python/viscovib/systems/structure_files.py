@@ -45,7 +45,9 @@ def read_structure(mass: Any, stiffness: Any, damping: Any, options: dict[str, A
     matrices: dict[str, Any] = {}
     for name, path in given.items():
         matrices[name] = read_matrix(name, path)
-        n, own = matrices["mass"].shape[0], matrices[name].shape[0]
+        n, (own, columns) = matrices["mass"].shape[0], matrices[name].shape
+        if own != columns:
+            raise InputError(f"{name}: {path} is {own} x {columns}, must be square")
         if own != n:
             raise InputError(f"{name}: {path} has {own} rows, must have {n} as mass has")
         if is_triangular(matrices[name]):
