@@ -52,18 +52,15 @@ contains
   subroutine read_relative(reader, tolerance, usual)
     type(group_reader), intent(inout) :: reader
     real(wp), intent(out) :: tolerance
-    !> The value if neither is given, or 0.
+    !> The value if neither is given; that of smooth laws if missing.
     real(wp), intent(in), optional :: usual
     real(wp) :: relative
 
-    tolerance = 0.0_wp
+    tolerance = smooth_tolerance
+    if (present(usual)) tolerance = usual
     relative = reader%read_real('rtol', 0.0_wp)
     if (relative > 0.0_wp) tolerance = relative
     tolerance = reader%read_real('tolerance', tolerance)
-    if (.not. abs(tolerance) > 0.0_wp) then
-      tolerance = smooth_tolerance
-      if (present(usual)) tolerance = usual
-    end if
     if (reader%status%failed() .or. .not. abs(relative) > 0.0_wp) return
     if (abs(tolerance - relative) > 0.0_wp) then
       call reader%complain('rtol', 'rtol = '//show(relative)//': is another name of tolerance, ' &

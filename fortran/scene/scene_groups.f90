@@ -21,6 +21,7 @@ module viscovib_scene_groups
                                                 result_name('backbone', .true., .false.), &
                                                 result_name('multiple_scales', .true., .true.), &
                                                 result_name('modes', .true., .false.), &
+                                                result_name('equilibrium', .false., .true.), &
                                                 result_name('transient', .true., .false.), &
                                                 result_name('ensemble', .true., .false.), &
                                                 result_name('basins', .true., .false.)]
@@ -34,9 +35,9 @@ module viscovib_scene_groups
                                  repeatable(9) = &
     [character(len=15) :: 'kernel', 'load', 'spring', 'force', 'element', 'layer', 'mount_point', &
      'event', 'sweep'], &
-                                 of_structures(7) = &
+                                 of_structures(8) = &
     [character(len=15) :: 'response', 'branch', 'backbone', 'modes', 'transient', 'basins', &
-     'ensemble']
+     'ensemble', 'equilibrium']
 
 contains
 

@@ -11,6 +11,7 @@ module viscovib_scene_results
   use viscovib_driven_groups, only: read_driven
   use viscovib_driven_job, only: driven_job
   use viscovib_ensemble_groups, only: read_ensemble
+  use viscovib_equilibrium_job, only: equilibrium_job
   use viscovib_event_groups, only: read_events
   use viscovib_extra_groups, only: read_extra
   use viscovib_group_reader, only: group_reader
@@ -71,6 +72,8 @@ contains
       call read_scales_job(reader, subject, job)
     case ('modes')
       allocate (modes_job :: job)
+    case ('equilibrium')
+      allocate (equilibrium_job :: job)
     case ('ensemble')
       call read_ensemble_job(reader, file, subject, job)
     case ('basins')
@@ -93,7 +96,7 @@ contains
       call read_events(file, subject%coordinates, job, canonical, status)
       return
     end select
-    if (any(job%kind() == ['response', 'branch  '])) then
+    if (any(job%kind() == ['response   ', 'branch     ', 'equilibrium'])) then
       ! What only the whole job shows to be wrong.
       call job%plan(subject, plan, status)
       if (status%failed()) call place_failure(file, subject, job%kind(), status)

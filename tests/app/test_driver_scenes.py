@@ -2,6 +2,7 @@
 
 import os
 
+import numpy as np
 import pytest
 import viscovib as vv
 from driver import BRANCH, GOOD, GRID, KERNEL, MOTION, check_failure, read_csv, silence
@@ -270,3 +271,48 @@ def test_a_response_says_why_it_has_no_solution(solve, tmp_path):
     scene.write_text(text)
     done = solve(scene, "--out", tmp_path)
     assert "3 of them with too few harmonics (worst at nu = 0.5, where those up to 3" in done.stdout
+
+
+@pytest.mark.parametrize("kind", ["system", "structure"])
+def test_static_equilibria_balance_the_forces(solve, tmp_path, kind):
+    """Of random springs with a kernel that has relaxed: K (1 - integral) u + c u^3 = F."""
+    rng = np.random.default_rng(5)
+    scene = tmp_path / "scene.nml"
+    for _ in range(4):
+        n = int(rng.integers(1, 4))
+        root = rng.normal(size=(n, n))
+        stiffness = root @ root.T + np.eye(n)
+        cubic, force = rng.uniform(0.1, 1), rng.uniform(-2, 2)
+        weight, rate, spring = rng.uniform(0.1, 0.5), rng.uniform(0.5, 2), rng.uniform(0.5, 2)
+        listed = " ".join(map(str, stiffness.ravel()))
+        names = " ".join(f"'x{i + 1}'" for i in range(n))
+        more = f"&element on='x1' stiffness={spring} kernel=1 /\n"
+        more += f"&element on='x1' law='{cubic}*d^3' kernel=0 /"
+        whole = "kernel=0" if kind == "system" else ""
+        if kind == "system":
+            own = " ".join(map(str, np.diag([spring] + [0.0] * (n - 1)).ravel()))
+            more = (
+                f"&spring stiffness={own} kernel=1 /\n&force on='x1' law='{cubic}*x1^3' kernel=0 /"
+            )
+        scene.write_text(
+            f"&{kind} coordinates={names} mass={'1 ' * n} stiffness={listed} {whole} /\n"
+            f"&kernel kind='prony' weights={weight} rates={rate} /\n{more}\n"
+            f"&load on='x1' amplitude={force} order=0 /\n&equilibrium /\n"
+        )
+        done = solve(scene, "--out", tmp_path)
+        assert done.returncode == 0, done.stderr
+        table = read_csv(tmp_path / "scene_equilibrium.csv")
+        u = np.array([float(table[f"x{i + 1}"]) for i in range(n)])
+        left = stiffness @ u
+        left[0] += spring * (1 - weight / rate) * u[0] + cubic * u[0] ** 3 - force
+        assert np.abs(left).max() < 1e-9 * abs(force)
+
+
+def test_static_equilibria_have_constant_loads(solve, tmp_path):
+    scene = tmp_path / "scene.nml"
+    scene.write_text(GOOD.split("&response")[0] + "&equilibrium /\n")
+    done = solve(scene, "--out", tmp_path)
+    assert done.returncode == 2
+    assert "the loads must be constant (order = 0)" in done.stderr
+    scene.write_text(scene.read_text().replace("&equilibrium", "&equilibrium nu=1"))
+    assert "unknown key 'nu'" in solve(scene, "--out", tmp_path).stderr

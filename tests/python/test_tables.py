@@ -17,6 +17,8 @@ POINTS = sorted(path.name for path in SCENES.glob("*.nml"))
 SWEPT = ("mount_map.nml",)
 #: Beside the samples: what they do not ask for.
 MORE = {
+    "equilibrium": "&structure mass=1 2 stiffness=2 -1 -1 2 damping=0.1 0.1 /\n"
+    "&element on='x1' law='0.4*d^3' /\n&load on='x2' amplitude=0.3 order=0 /\n&equilibrium /\n",
     "linear_branch": "&system coordinates='x' mass=1 stiffness=1 damping=0.1 /\n"
     "&load amplitude=0.3 /\n&branch nu_from=0.5 nu_to=2 /\n",
     "corners": "&system coordinates='x' mass=1 stiffness=1 damping=0.1 /\n"
