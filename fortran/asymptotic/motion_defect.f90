@@ -37,6 +37,8 @@ module viscovib_motion_defect
     real(wp), allocatable :: phase_rate(:)
     !> U_h, shape (n, n_waves), and g_jh, shape (n_modes, n_waves).
     complex(wp), allocatable :: u(:, :), rates(:, :)
+    !> h, and the angle of each mode that shares it with no load and no other mode; 0: none.
+    integer, allocatable :: orders(:, :), own_angle(:)
   end type defect_type
 
 contains
@@ -75,6 +77,10 @@ contains
         defect%phase_rate(i) = sum(orders(:m, i)*angles%frequency(:m))
       end do
       defect%frequency = abs(defect%frequency)
+      allocate (defect%orders, source=orders)
+      defect%own_angle = [(merge(angles%of_mode(i), 0, count(angles%of_mode == angles%of_mode(i)) &
+                                 + count(angles%of_load == angles%of_mode(i)) == 1), &
+                           i=1, size(a))]
       allocate (y(n, form%n, 0:2), load(n, size(form%drives)), e(n, form%n), &
                 w(n, form%n, 2))
       call sample_motion(scales, angles, step, a, y, load)

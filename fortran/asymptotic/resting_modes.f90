@@ -334,7 +334,9 @@ contains
   end subroutine resting_error
 
   !> Add the next order to the derivatives by the amplitude of mode j at rest: the residual of a
-  !! small amplitude of it in the full equations, as far as it is constant in a mode's frame.
+  !! small amplitude of it in the full equations, as far as it is constant in a mode's frame. A turn
+  !! of the amplitude turns each wave by its order in the angle of the mode. Two of opposite sign
+  !! suffice where the angle is its own, as the orders are known then; else four.
   subroutine add_defect(scales, full, a, j, by_a, by_conjugate)
     type(multiple_scales_type), intent(in) :: scales
     !> As in `find_defect`.
@@ -345,31 +347,39 @@ contains
     type(defect_type) :: defect
     !> Contributions to the rates of change by it and by its conjugate; the residual of the
     !! motion itself cancels.
-    complex(wp), parameter :: turns(4) = [(1.0_wp, 0.0_wp), (0.0_wp, 1.0_wp), (-1.0_wp, 0.0_wp), &
+    complex(wp), parameter :: turns(4) = [(1.0_wp, 0.0_wp), (-1.0_wp, 0.0_wp), (0.0_wp, 1.0_wp), &
                                           (0.0_wp, -1.0_wp)]
-    complex(wp) :: b(size(a)), rates(size(a), size(turns))
-    real(wp) :: own
-    integer :: i, k, part
+    complex(wp) :: b(size(a)), by_own(size(a)), by_other(size(a))
+    real(wp) :: own, f
+    integer :: i, k, part, n_turns, order_of
 
     own = little_of(scales, a)
     if (.not. own > 0.0_wp) return
-    rates = (0.0_wp, 0.0_wp)
+    by_own = (0.0_wp, 0.0_wp)
+    by_other = (0.0_wp, 0.0_wp)
+    n_turns = size(turns)
     do part = 1, size(turns)
+      if (part > n_turns) exit
       b = a
       b(j) = turns(part)*own
       call find_defect(scales, full, b, defect, still, rates_only=.true.)
       if (.not. defect%known) return
+      if (defect%own_angle(j) > 0) n_turns = 2
       do i = 1, defect%n
+        order_of = 0
+        if (n_turns == 2) order_of = modulo(defect%orders(defect%own_angle(j), i), size(turns))
         do k = 1, size(a)
-          associate (f => scales%flow%frame(k))
-            if (abs(defect%frequency(i) - f) > still*f) cycle
-            rates(k, part) = rates(k, part) + defect%rates(k, i)/own
+          f = scales%flow%frame(k)
+          if (abs(defect%frequency(i) - f) > still*f) cycle
+          associate (rate => defect%rates(k, i)/(n_turns*own))
+            if (n_turns > 2 .or. order_of == 1) by_own(k) = by_own(k) + conjg(turns(part))*rate
+            if (n_turns > 2 .or. order_of == 3) by_other(k) = by_other(k) + turns(part)*rate
           end associate
         end do
       end do
     end do
-    by_a(:, j) = by_a(:, j) + 0.25_wp*matmul(rates, conjg(turns))
-    by_conjugate(:, j) = by_conjugate(:, j) + 0.25_wp*matmul(rates, turns)
+    by_a(:, j) = by_a(:, j) + by_own
+    by_conjugate(:, j) = by_conjugate(:, j) + by_other
   end subroutine add_defect
 
 end module viscovib_resting_modes

@@ -367,8 +367,6 @@ def test_sums_for_rabotnov_meet_their_tolerance(alpha):
 @pytest.mark.parametrize("beta", [0.0, 0.3])
 def test_laplace_of_points_with_equal_real_parts(beta):
     """Right and left of -beta, above, on and below the real axis: by mpmath, and as alone."""
-    import mpmath
-
     alpha, amplitude = 0.35, 0.2
     if beta:
         kernel = vv.RzhanitsynKernel(amplitude=amplitude, alpha=alpha, beta=beta)
