@@ -402,3 +402,16 @@ def test_what_a_structure_keeps_is_where_the_mask_of_its_state_says():
         run = vv.simulate(system, 2.0, dt=0.1, initial=[0.3, 0.0, 0.1, 0.2])
         kept = run._resume.memory[run._resume.told_by_state()]
         assert np.allclose(kept, [run.deflections[-1, 0], run.rates[-1, 0]], atol=1e-13)
+
+
+def test_any_end_may_be_gone_on_from():
+    """Whatever the last digit of its time: steps times their length may exceed the end."""
+    system = vv.Structure(
+        mass=[2.0, 0.7], stiffness=[[1.99, -0.79], [-0.79, 2.19]], rayleigh=(0.01, 0.01),
+        elements=[vv.Spring(on="x2", law="0.3*d^3")],
+    )  # fmt: skip
+    for end in np.random.default_rng(5).uniform(3, 9, 60).round(2):
+        run = vv.simulate(system, end, load={"x1": 0.1}, nu=0.7, tolerance=1e-7, method="gauss4")
+        more = vv.simulate(system, 2 * end, resume=run)
+        assert more.t[0] == pytest.approx(end, rel=1e-15)
+        assert more.t[-1] == 2 * end

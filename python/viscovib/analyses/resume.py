@@ -330,7 +330,8 @@ def _ahead(run: Run, end: float, want: Wanted) -> tuple[int, Wanted]:
         if n >= 1 and abs(now + n * run.h - end) <= 1e-9 * max(abs(end), run.h):
             run.goal = run.done + n, end
             if run.kept_of_step > 1 and want.no_choice:
-                want = want.at(np.linspace(now, end, n * run.kept_of_step + 1))
+                # Of a new goal the time now may be another by its last digit.
+                want = want.at(np.linspace(run.time, end, n * run.kept_of_step + 1))
             return n, want
         if not run.has_found_step:
             raise InputError(
