@@ -36,7 +36,8 @@ myst_substitutions = {
             "| key | default | allowed | |",
             "| --- | --- | --- | --- |",
             *(
-                f"| `{name}` | {one.default or 0:g} | {one.lowest:g} to {one.highest:g} | {one.text} |"
+                f"| `{name}` | {one.default or 0:g} | {one.lowest:g} to {one.highest:g} | "
+                f"{one.text} |"
                 for name, one in OPTIONS.items()
             ),
         ]

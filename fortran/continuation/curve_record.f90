@@ -120,11 +120,12 @@ contains
     class(curve_branch_type), intent(inout) :: self
     !> Of each block.
     real(wp), intent(in) :: weights(:)
-    real(wp) :: apart, last, off, w(size(self%x, 1))
+    real(wp), allocatable :: w(:)
+    real(wp) :: apart, last, off
     integer :: i, k, way
 
     if (.not. allocated(self%truncation)) return
-    w = [(spread(weights(k), 1, size(w)/size(weights)), k=1, size(weights))]
+    w = [(spread(weights(k), 1, size(self%x, 1)/size(weights)), k=1, size(weights))]
     do k = 1, self%folds%n
       associate (error => self%folds%error(k))
         do way = -1, 1, 2

@@ -163,9 +163,8 @@ contains
     start%past%last = g
   end subroutine march_start
 
-  !> True if the kernels are smooth over the first step, and so is the motion. Masses at points would
-  !! not meet what is not smooth in them later, as knots of a table and the jump at its end, with the
-  !! order of the steps.
+  !> True if the kernels are smooth over the first step, and so is the motion. Knots of a table and
+  !! the jump at its end come later: there masses at points would not keep the order of the steps.
   pure logical function is_smooth(system, channels, h)
     class(oscillator_type), intent(in) :: system
     type(channels_type), intent(in) :: channels

@@ -2,6 +2,7 @@
 module test_response
   use, intrinsic :: ieee_arithmetic, only: ieee_is_nan
   use testing, only: begin, check, check_close, check_fails, check_ok
+  use viscovib_curve_record, only: curve_branch_type
   use viscovib_catalogue, only: kernel_abel, kernel_rzhanitsyn, new_kernel
   use viscovib_forced_response, only: forced_response
   use viscovib_grids, only: linear_grid
@@ -26,7 +27,13 @@ contains
     type(response_type) :: linear, response
     type(status_type) :: status
     type(load_type) :: load
+    type(curve_branch_type) :: branch
     integer :: geometry
+
+    if (begin('a branch that is stopped before its first point has nothing to doubt')) then
+      call branch%doubt_beside_folds([1.0_wp])
+      call check(branch%n_points == 0, 'points')
+    end if
 
     if (begin('a small load answers linearly, with a cubic remainder')) then
       do geometry = geometry_exact, geometry_printed
