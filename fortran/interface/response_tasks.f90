@@ -129,6 +129,7 @@ contains
     options%max_iterations = task%get_integer('max_iterations', options%max_iterations)
     options%relaxation = task%get_real('relaxation', options%relaxation)
     options%keep_history = task%get_flag('history', .false.)
+    options%keep_iterates = task%get_flag('iterates', .false.)
     options%stability = task%get_flag('stability', .false.)
     options%keep_idle = task%get_flag('keep_idle', .false.)
     options%on_branch = task%get_flag('on_branch', .false.)
@@ -229,6 +230,9 @@ contains
       call found%put_reals('rate', response%rate, shape(nu))
       call found%put_reals('truncation', response%truncation, shape(nu))
       call found%put_reals('allowed', response%allowed, shape(nu))
+      if (allocated(response%iterates)) then
+        call found%put_complexes('iterates', response%iterates, shape(response%iterates))
+      end if
       if (plan%options%keep_history) then
         call found%put_reals('corrections', response%corrections, shape(response%corrections))
       end if

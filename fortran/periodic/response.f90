@@ -28,6 +28,8 @@ module viscovib_response
     logical :: symmetric = .true.
     !> Keep the corrections of every iteration.
     logical :: keep_history = .false.
+    !> Keep every iterate too.
+    logical :: keep_iterates = .false.
     !> Judge the stability of each motion (Newton's method only).
     logical :: stability = .false.
     !> Solve a linear system by the method of nonlinear ones, as a branch does.
@@ -58,6 +60,9 @@ module viscovib_response
     !> Relative size of each correction, shape (0 or max_iterations, n); NaN
     !! past the last.
     real(wp), allocatable :: corrections(:, :)
+    !> Iterates from the linear response on, shape (size(orders), n_dof, 1 + max_iterations, n); NaN
+    !! past the last. Not allocated: not kept.
+    complex(wp), allocatable :: iterates(:, :, :, :)
     !> Of each motion, if that was asked for; else its arrays are not allocated.
     type(stability_type) :: stability
   contains
@@ -202,7 +207,7 @@ contains
     class(response_type), intent(inout) :: self
     !> Which were computed, shape (n_dof).
     logical, intent(in) :: moved(:)
-    complex(wp), allocatable :: all_of_them(:, :, :)
+    complex(wp), allocatable :: all_of_them(:, :, :), history(:, :, :, :)
     integer :: d, n
 
     allocate (all_of_them(size(self%orders), size(moved), size(self%nu)), source=(0.0_wp, 0.0_wp))
@@ -213,6 +218,16 @@ contains
       all_of_them(:, d, :) = self%coefficients(:, n, :)
     end do
     call move_alloc(all_of_them, self%coefficients)
+    if (allocated(self%iterates)) then
+      allocate (history(size(self%orders), size(moved), size(self%iterates, 3), size(self%nu)), &
+                source=(0.0_wp, 0.0_wp))
+      n = 0
+      do d = 1, size(moved)
+        if (moved(d)) n = n + 1
+        if (moved(d)) history(:, d, :, :) = self%iterates(:, n, :, :)
+      end do
+      call move_alloc(history, self%iterates)
+    end if
     ! Where no solution was found there is no number that could be taken for one.
     do n = 1, size(self%nu)
       if (self%outcome(n) /= outcome_converged) call self%discard(n, self%outcome(n))

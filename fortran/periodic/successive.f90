@@ -75,6 +75,11 @@ contains
                                                system%degree > 0))
     call response%allocate_for(nu, set%orders, system%n_dof(), &
                                merge(options%max_iterations, 0, options%keep_history))
+    if (options%keep_iterates) then
+      allocate (response%iterates(size(set%orders), system%n_dof(), 1 + options%max_iterations, &
+                                  size(nu)))
+      response%iterates = cmplx(ieee_value(0.0_wp, ieee_quiet_nan), 0.0_wp, wp)
+    end if
     call allocate_block(work, system, set)
     call allocate_block(judging, system, more)
     do first = 1, size(nu), chunk_size
@@ -327,6 +332,7 @@ contains
       delta(l) = delta(l) + poison(l)
       if (work%iteration(l) == 0) then
         ! The step from rest to the linear response is the zeroth correction.
+        if (allocated(response%iterates)) call keep(1, work%u(l, :, :, :))
         work%start_norm(l) = start(l)
         work%recent(1, l) = start(l)
       end if
@@ -339,6 +345,7 @@ contains
         if (counting) call count_up(counted_corrections, 1)
         response%corrections(work%iteration(l), i) = delta(l)/max(norm(l), tiny(norm))
       end if
+      if (allocated(response%iterates)) call keep(1 + work%iteration(l), work%next(l, :, :, :))
       rate = shrinkage(work%recent(:, l))
       error = delta(l)
       if (rate < 1.0_wp) error = delta(l)*max(1.0_wp, rate/(1.0_wp - rate))
@@ -361,6 +368,8 @@ contains
         work%relaxation(l) = 0.5_wp*work%relaxation(l)
         call restart_lane(work, l)
         response%corrections(:, i) = ieee_value(0.0_wp, ieee_quiet_nan)
+        if (allocated(response%iterates)) response%iterates(:, :, :, i) = &
+          cmplx(ieee_value(0.0_wp, ieee_quiet_nan), 0.0_wp, wp)
         cycle
       end if
       call store(work, l, response, i, outcome, rate)
@@ -368,6 +377,12 @@ contains
     end do
 
   contains
+
+    subroutine keep(row, x)
+      integer, intent(in) :: row
+      real(wp), intent(in) :: x(:, :, :)
+      response%iterates(:, :, row, i) = cmplx(x(1, :, :), x(2, :, :), wp)
+    end subroutine keep
 
     !> Size of the motion itself.
     real(wp) function seen(lane)

@@ -87,6 +87,7 @@ _NAMES = {
     "systems.load_table": "LoadTable",
     "systems.modal_model": "ModalModel",
     "systems.mount": "Mount",
+    "systems.normal_coordinates": "NormalCoordinates",
     "systems.pendulum": "Pendulum",
     "systems.polynomial_system": "PolynomialSystem",
     "systems.python_law": "PythonLaw",
@@ -305,6 +306,7 @@ if TYPE_CHECKING:
     from viscovib.systems.load_table import LoadTable as LoadTable
     from viscovib.systems.modal_model import ModalModel as ModalModel
     from viscovib.systems.mount import Mount as Mount
+    from viscovib.systems.normal_coordinates import NormalCoordinates as NormalCoordinates
     from viscovib.systems.pendulum import Pendulum as Pendulum
     from viscovib.systems.polynomial_system import PolynomialSystem as PolynomialSystem
     from viscovib.systems.python_law import PythonLaw as PythonLaw

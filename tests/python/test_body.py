@@ -3,6 +3,7 @@
 import dataclasses
 import json
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -444,7 +445,6 @@ def test_wrong_mounts(given, told):
         ({"inertia": (1, 1, 3)}, "larger than the sum of the other two"),
         ({"inertia": (1, 1, -1)}, "principal moments"),
         ({"inertia": [[1, 0.2, 0], [0, 1, 0], [0, 0, 1]]}, "inertia: must be symmetric"),
-        ({"mounts": []}, "mounts: must not be empty"),
         ({"mounts": [vv.MountPoint(**GOOD)] * 2}, "the name 'm' is given twice"),
         ({"geometry": "finite"}, "geometry = 'finite': must be one of"),
         ({"base_direction": "w"}, "base_direction"),
@@ -772,3 +772,115 @@ def test_moments_of_mounts(seed):
         lost = told.lost_power[i].sum() + told.lost_in_turning[i].sum()
         assert lost == pytest.approx(power, rel=1e-8)
     assert found.converged.any()
+
+
+def engineers_mount(**given):
+    return vv.MountPoint(**({"name": "m", "position": (0, 0, 0), "stiffness": (1, 1, 2e5)} | given))
+
+
+def test_a_mount_in_other_units_is_the_same_mount():
+    law, gap = "3*d^3 + 0.2*v*abs(v)", 4.0
+    one = engineers_mount(
+        position=(100, 200, -50), stiffness=(350, 370, 453), damping=(0.1, 0.2, 0.3),
+        rotational_stiffness=(1e3, 0, 0), law=(None, None, law), gap=(None, None, gap),
+        gap_stiffness=2000, units="N, mm",
+    )  # fmt: skip
+    assert np.asarray(one.position) == pytest.approx((0.1, 0.2, -0.05))
+    assert np.asarray(one.stiffness) == pytest.approx((350e3, 370e3, 453e3))
+    assert np.asarray(one.damping) == pytest.approx((100, 200, 300))
+    assert np.asarray(one.rotational_stiffness) == pytest.approx((1, 0, 0))
+    # Forces in N of deflections in mm.
+    d = np.array([-9.0, -4.5, -1.0, 2.0, 4.0, 7.0])
+    v = np.array([3.0, -2.0, 1.0, 0.5, -4.0, 2.0])
+    stop = 2000 * (np.maximum(d - gap, 0) + np.minimum(d + gap, 0))
+    force = one.laws[2](np.column_stack([d, v]) * 1e-3)[0]
+    assert force == pytest.approx(3 * d**3 + 0.2 * v * abs(v) + stop, rel=1e-12)
+    again = replace(one, damping=(1, 1, 1))
+    assert again.laws[2].text == one.laws[2].text
+    assert np.asarray(again.stiffness) == pytest.approx(np.asarray(one.stiffness))
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_table_is_interpolated(seed):
+    rng = np.random.default_rng([48, seed])
+    d = np.sort(rng.uniform(-5, 5, 12)) * 1e-3
+    table = np.column_stack([d, np.cumsum(rng.uniform(0, 100, 12))])
+    table[:, 1] -= np.interp(0, d, table[:, 1])
+    mount = engineers_mount(stiffness=(1, 1, 0), law=(None, None, table))
+    at = rng.uniform(d[0], d[-1], 40)
+    force = mount.laws[2](np.column_stack([at, 0 * at]))[0]
+    assert force == pytest.approx(np.interp(at, d, table[:, 1]), abs=1e-8)
+    beyond = table[-1, 1] + 1e-3 * np.diff(table[-2:, 1])[0] / np.diff(d[-2:])[0]
+    there = np.array([[d[-1] + 1e-3, 0.0]])
+    assert mount.laws[2](there)[0] == pytest.approx(beyond, rel=1e-9)
+
+
+def test_a_function_is_a_law():
+    mount = engineers_mount(law=(None, None, lambda d, v: 1e5 * np.tanh(d / 1e-3) + 3 * v))
+    at = np.array([[1e-3, 0.2], [-2e-3, 0.1]])
+    exact = 1e5 * np.tanh(at[:, 0] / 1e-3) + 3 * at[:, 1]
+    assert mount.laws[2](at)[0] == pytest.approx(exact, rel=1e-13)
+    with pytest.raises(vv.InputError, match="has no form as a text"):
+        engineers_mount(law=lambda d: d**3 * np.prod(np.ones(2)) + 0 * np.sum(d))
+
+
+@pytest.mark.parametrize("eta", [0.02, 0.1, 0.4])
+def test_a_loss_factor_is_that_of_a_complex_stiffness(eta):
+    """Complex stiffness at the centre; the slope of the stiffness by Kramers and Kronig."""
+    k, mass, low, high = 2e5, 20.0, 20.0, 2000.0
+    mount = engineers_mount(stiffness=(k, k, k), loss_factor=eta, loss_band=(low, high))
+    nu = np.geomspace(low, high, 60)
+    stiffness = mount.dynamic_stiffness(nu)[:, 2]
+    assert stiffness.imag / stiffness.real == pytest.approx(np.full(60, eta), rel=0.01)
+    center = np.sqrt(low * high)
+    at = mount.dynamic_stiffness(center)[2]
+    assert at.real == pytest.approx(k, rel=1e-12)
+    slope = np.gradient(np.log(stiffness.real), np.log(nu))[15:45]
+    assert slope == pytest.approx(np.full(30, 2 / np.pi * np.arctan(eta)), rel=0.1)
+    body = vv.Body(mass=mass, inertia=(1, 1, 1), mounts=[mount])
+    found = vv.forced_response(body, [center], load=body.load((0, 0, 5)), method="linear")
+    exact = 5 / abs(k * (1 + 1j * eta) - mass * center**2)
+    assert found.amplitude("z")[0] == pytest.approx(exact, rel=0.01 * eta)
+
+
+def test_a_loss_factor_decays_in_time():
+    """A free vibration loses exp(-pi eta) per period, to first order in eta."""
+    eta, k, mass = 0.02, 2e5, 20.0
+    omega = np.sqrt(k / mass)
+    mount = engineers_mount(
+        stiffness=(k, k, k), loss_factor=eta, loss_band=(0.1 * omega, 10 * omega)
+    )
+    body = vv.Body(mass=mass, inertia=(1, 1, 1), mounts=[mount])
+    modes = body.modes()
+    vertical = np.argmin(abs(modes.omega - omega))
+    assert modes.damping_ratio[vertical] == pytest.approx(eta / 2, rel=0.02)
+
+
+@pytest.mark.parametrize(
+    ("given", "text"),
+    [
+        ({"loss_factor": 0.1}, "no causal equivalent; or give kernel= or damping="),
+        ({"loss_factor": -0.1, "loss_band": (1, 2)}, "loss_factor = -0.1: must not be negative"),
+        ({"loss_factor": 0.1, "loss_band": (2, 1)}, "loss_band: must be two numbers"),
+        ({"gap": 0.01}, "gap = 0.01: needs gap_stiffness"),
+        ({"gap": -1, "gap_stiffness": 1}, "gap = -1, gap_stiffness = 1: must not be negative"),
+        ({"units": "mm"}, "units = 'mm': must be a force, N or kN, and a length"),
+        ({"law": [[0, 0], [0, 1]]}, "deflections must increase"),
+        ({"law": 3}, "law = 3: must be a str, a function, a table"),
+    ],
+)
+def test_what_a_mount_lacks(given, text):
+    with pytest.raises(vv.InputError) as error:
+        engineers_mount(**given)
+    assert text in str(error.value)
+
+
+def test_a_free_body_keeps_its_momentum():
+    body = vv.Body(mass=2.0, inertia=(1.0, 2.0, 2.5), mounts=[])
+    assert body.modes().omega == pytest.approx(np.zeros(6), abs=1e-9)
+    run = vv.simulate(body, 3.0, initial=[0, 1, 0, 2, 0, 3, 0, 0.1, 0, 0.2, 0, 0.3])
+    assert run.state[-1, ::2] == pytest.approx([3, 6, 9, 0.3, 0.6, 0.9], rel=1e-9)
+    r = vv.forced_response(body, [3.0], load=body.load((0, 0, 4)))
+    assert r.amplitude("z")[0] == pytest.approx(4 / (2 * 9), rel=1e-12)
+    with pytest.raises(vv.InputError, match="gravity: a free body"):
+        vv.Body(mass=2.0, inertia=(1.0, 2.0, 2.5), mounts=[], gravity=9.81)

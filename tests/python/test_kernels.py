@@ -5,12 +5,16 @@ import math
 import re
 import warnings
 
+import matplotlib
+import matplotlib.pyplot
 import mpmath
 import numpy as np
 import pytest
 import viscovib as vv
 from scipy.integrate import quad
 from tables import read_table
+
+matplotlib.use("Agg")
 
 KINDS = {"rzhanitsyn": vv.RzhanitsynKernel, "rabotnov": vv.RabotnovKernel}
 
@@ -384,3 +388,16 @@ def test_laplace_of_points_with_equal_real_parts(beta):
                 * (mpmath.mpf(beta) + mpmath.mpc(point)) ** (-mpmath.mpf(alpha))
             )
             assert abs(mpmath.mpc(value) - exact) <= 1e-15 * abs(exact)
+
+
+def test_a_kernel_is_drawn():
+    kernel = vv.RzhanitsynKernel(amplitude=0.048, alpha=0.1, beta=0.05)
+    for t in (None, [0.1, 1.0, 10.0]):
+        first, second = kernel.plot(t=t)
+        at, drawn = first.lines[0].get_data()
+        assert drawn == pytest.approx(0.048 * np.exp(-0.05 * at) * at**-0.9, rel=1e-12)
+        assert second.lines[0].get_ydata() == pytest.approx(kernel.relaxation(at))
+        assert t is None or list(at) == t
+    with pytest.raises(vv.InputError, match="t: must be times greater than 0"):
+        kernel.plot(t=[0.0, 1.0])
+    matplotlib.pyplot.close("all")

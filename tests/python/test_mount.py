@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+import scipy.linalg
 import viscovib as vv
 from scipy.integrate import solve_ivp
 
@@ -168,3 +169,40 @@ def test_loads_beyond_all_frequencies(mount):
     assert run.outcome == "completed"
     with pytest.raises(vv.InputError, match="beyond all range"):
         vv.simulate(body, 3, base=0.1, nu=1e300, dt=0.1)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_normal_coordinates_decouple_the_equations(seed):
+    """Equations (7), (8) and (14) of the paper: each coordinate is an oscillator of its own."""
+    rng = np.random.default_rng([48, seed])
+    kernel = vv.RzhanitsynKernel(amplitude=rng.uniform(0.01, 0.05), alpha=0.1, beta=0.05)
+    c_x, c_phi, arm, mass, inertia = rng.uniform([5, 1, 0.2, 0.5, 0.1], [20, 5, 0.8, 2, 0.5])
+    mount = vv.Mount(
+        mass=mass, inertia=inertia, offset=arm, stiffness_x=c_x, stiffness_phi=c_phi,
+        kernel=kernel if seed else None,
+    )  # fmt: skip
+    modes = mount.modes()
+    stiffness = np.array([[c_x, -c_x * arm], [-c_x * arm, c_x * arm**2 + c_phi]])
+    masses = np.diag([mass, inertia])
+    omega2, _ = scipy.linalg.eigh(stiffness, masses)
+    assert modes.omega**2 == pytest.approx(omega2, rel=1e-12)
+    assert modes.shapes[0] == pytest.approx([1, 1])
+    nu, load = rng.uniform(0.5, 6, 5), np.array([0.3, 0.2])
+    f = modes.force(load) / modes.dynamic_stiffness(nu)
+    lost = kernel.transform(nu) if seed else np.zeros(5)
+    exact = np.linalg.solve(
+        (1 - lost)[:, None, None] * stiffness - nu[:, None, None] ** 2 * masses, load[:, None]
+    )[..., 0]
+    assert modes.physical(f) == pytest.approx(exact, rel=1e-11)
+    assert modes.normal(exact) == pytest.approx(f, rel=1e-11)
+
+
+def test_normal_coordinates_that_are_coupled():
+    body = {"mass": 1, "inertia": 0.1, "offset": 0.5, "stiffness_x": 10, "stiffness_phi": 2}
+    kernel = vv.RzhanitsynKernel(amplitude=0.04, alpha=0.1, beta=0.05)
+    for more, text in (
+        ({"kernel": kernel, "kernel_phi": False}, "different kernels"),
+        ({"damping": np.eye(2)}, "there is damping"),
+    ):
+        with pytest.raises(vv.InputError, match=f"{text}.* use mount.dynamic_stiffness"):
+            vv.Mount(**body, **more).modes().dynamic_stiffness(1.0)

@@ -2,6 +2,7 @@
 
 import dataclasses
 import itertools
+import re
 import warnings
 from fractions import Fraction
 from math import comb
@@ -633,3 +634,16 @@ def test_small_amplitudes_take_the_same_steps(size):
     wanted = vv.MultipleScales(system).modulation([0.0, 200.0], amplitudes=[1.0])
     assert found.steps == wanted.steps
     np.testing.assert_allclose(found.amplitude / size, wanted.amplitude, rtol=1e-12)
+
+
+def test_the_solution_is_a_formula():
+    """Each coefficient, with its amplitudes, in the equation of its mode and by its order."""
+    duffing = vv.PolynomialSystem(mass=1, stiffness=1, damping=0.02, forces="0.5*x^3")
+    scales = vv.MultipleScales(duffing, load=0.01, nu=1.02)
+    text = scales._repr_latex_()
+    assert text.startswith("$$\\begin{aligned}u_{\\mathrm{x}} &= \\sum")
+    # Shift 3 c/(8 w) a^2 of the real amplitude a = 2 |a_1|: 1.5 c/w of the complex one.
+    cubic = re.search(r"\+ (\d\.\d+)\\,i\)\\,a_\{1\}\\,a_\{1\}\\,\\bar a_\{1\}", text)
+    assert float(cubic[1]) == pytest.approx(0.75, rel=1e-3)
+    assert text.count("p_{1}") == 1
+    assert text.index("O(a^3)") < min(text.index("p_{1}"), cubic.start())

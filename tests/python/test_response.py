@@ -468,3 +468,44 @@ def test_amplitudes_out_of_range_are_no_divergence(method):
     with pytest.warns(vv.ConvergenceWarning, match="choose other units"):
         found = vv.forced_response(system, [0.5, 0.8], load=1e49, method=method)
     assert found.outcome.tolist() == ["overflow"] * 2
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_iterates_are_those_of_the_formula(mount, seed):
+    """D(k nu) X_k' = P_k + (1 - R(k nu)) N_k(X), equations (18), (19), by NumPy."""
+    rng = np.random.default_rng([48, seed])
+    body = mount(amplitude=rng.uniform(0.01, 0.05))
+    nu, force = rng.uniform([2.2, 0.05], [3.5, 0.2])
+    base = 0.02 if seed == 2 else 0.0
+    driven = {"base": {1: base}} if base else {"load": {1: force}}
+    r = vv.forced_response(body, [nu], **driven, harmonics=7)
+    k = r.harmonics
+    phase = 2 * np.pi * np.arange(128) / 128
+    waves = np.exp(1j * k * phase[:, np.newaxis])
+    c, arm = 10.0, 0.5
+    inverse = [np.linalg.inv(body.dynamic_stiffness(order * nu)) for order in k]
+    kept = [1 - body.kernel.transform(order * nu) for order in k]
+    moved = np.zeros((2, k.size), dtype=complex)
+    moved[0, 0] = base
+    load = np.zeros((2, k.size), dtype=complex)
+    load[0, 0] = 0.0 if base else force
+    if base:
+        load[:, 0] = nu**2 * base * np.array([body.mass, 0.0])
+    x = np.stack([inverse[j] @ load[:, j] for j in range(k.size)], axis=1)
+    assert r.iterates.shape == (r.iterations[0] + 1, 1, 2, k.size)
+    for found in r.iterates[:, 0]:
+        assert found == pytest.approx(x + moved, rel=1e-9, abs=1e-13)
+        u, phi = np.imag(waves @ x.T).T
+        forces = [-c * arm / 6 * phi**3, -c * arm / 2 * phi**2 * u + 2 / 3 * c * arm**2 * phi**3]
+        n = np.array([2j * (f @ waves.conj()) / phase.size for f in forces])
+        x = np.stack([inverse[j] @ (load[:, j] + kept[j] * n[:, j]) for j in range(k.size)], 1)
+    assert r.iterates[-1] == pytest.approx(r.coefficients, rel=1e-12)
+
+
+def test_iterates_of_other_methods(mount):
+    linear = vv.forced_response(mount(), [2.5], load=0.1, method="linear")
+    assert (linear.iterates == linear.coefficients).all()
+    both = vv.forced_response(mount(), [1.5, 3.0], load=0.5)
+    assert list(both.methods) == ["newton", "successive"]
+    last = both.iterates[both.iterations[1], 1]
+    assert last[:, :1] == pytest.approx(both.coefficients[1, :, :1], rel=1e-9)

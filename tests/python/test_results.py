@@ -151,7 +151,8 @@ NOT_FOUND = [
 ]  # fmt: skip
 #: Found by the tests of their own: of curves, of scenes, of amplitudes.
 ELSEWHERE = [
-    "AmplitudeFit", "BackbonePoint", "BranchPoint", "Crossing", "Peak", "ProgressiveLaw",
+    "AmplitudeFit", "BackbonePoint", "BranchPoint", "Crossing", "NormalCoordinates",
+    "Peak", "ProgressiveLaw",
     "Resonance", "SceneResult", "TableResult",
 ]  # fmt: skip
 

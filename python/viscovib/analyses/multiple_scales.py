@@ -14,7 +14,7 @@ from viscovib import _native
 from viscovib._native import ComplexArray, FloatArray
 from viscovib.analyses.beat_stability import growth_of_neighbours
 from viscovib.analyses.scales_form import ORDERINGS, ScalesForm
-from viscovib.analyses.scales_terms import FlowTerm, free_frequencies
+from viscovib.analyses.scales_terms import FlowTerm, formula, free_frequencies
 from viscovib.common.counts import things
 from viscovib.common.plan import Plan
 from viscovib.errors import InputError, RangeWarning, caller
@@ -179,6 +179,17 @@ class MultipleScales:
                 RangeWarning,
                 stacklevel=caller(),
             )
+
+    def _repr_latex_(self) -> str:
+        return f"$${self.formula()}$$"
+
+    def formula(self) -> str:
+        """Return the solution with its orders in LaTeX; notebooks show it as a formula.
+
+        The coordinates are sums of the modes with slow complex amplitudes a_j. The modulation
+        equations follow, ordered by the number of amplitudes and loads p_k in each term.
+        """
+        return formula(self.terms, self._names, self._n)
 
     def _warn_of_modes(self) -> None:
         if self.modes_left_out > _FEW_MODES:

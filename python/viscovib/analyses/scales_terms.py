@@ -1,5 +1,6 @@
 """Terms of modulation equations, and the frequencies of free vibration that follow from them."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,6 +19,51 @@ class FlowTerm:
     mode: int
     factors: tuple[str, ...]
     coefficient: complex
+
+
+def formula(terms: Sequence[FlowTerm], names: Sequence[str], n_modes: int) -> str:
+    """Return the solution in LaTeX: the leading order, and the modulation equations by their order.
+
+    The order of a term is its number of factors; a load near a resonance has the third order.
+    """
+    lines = [
+        rf"u_{{\mathrm{{{name}}}}} &= \sum_{{j=1}}^{{{n_modes}}} "
+        rf"\phi_{{\mathrm{{{name}}},j}}\, a_j "
+        r"e^{i \omega_j t} + \mathrm{c.c.} + O(a^2)"
+        for name in names
+    ]
+    for mode in range(n_modes):
+        sums: dict[tuple[str, ...], complex] = {}
+        for one in terms:
+            if one.mode == mode:
+                sums[one.factors] = sums.get(one.factors, 0) + one.coefficient
+        own = [FlowTerm(mode, factors, value) for factors, value in sums.items()]
+        own.sort(key=_order)
+        parts = [rf"\dot a_{{{mode + 1}}} &= "]
+        order = 0
+        for one in own:
+            if _order(one) != order:
+                order = _order(one)
+                parts.append(rf"\quad O(a^{order}):\ ")
+            product = r"\,".join(map(_symbol, one.factors))
+            parts.append(f"+ ({_number(one.coefficient)})\\,{product} ")
+        lines.append("".join(parts) + ("" if own else "0 ") + "+ O(a^4)")
+    return r"\begin{aligned}" + (r"\\" + "\n").join(lines) + r"\end{aligned}"
+
+
+def _order(term: FlowTerm) -> int:
+    alone = len(term.factors) == 1 and term.factors[0].startswith("p")
+    return 3 if alone else len(term.factors)
+
+
+def _symbol(factor: str) -> str:
+    letter, number = factor[0], factor[1:].rstrip("*")
+    plain = f"{letter}_{{{number}}}"
+    return rf"\bar {plain}" if factor.endswith("*") else plain
+
+
+def _number(value: complex) -> str:
+    return f"{value.real:.6g} {'-' if value.imag < 0 else '+'} {abs(value.imag):.6g}\\,i"
 
 
 def free_frequencies(

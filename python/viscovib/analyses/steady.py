@@ -212,6 +212,15 @@ class _Work:
         columns = [part["corrections"][:longest] for part in self.run(history=True)]
         return np.concatenate(columns, axis=1).T
 
+    def iterates(self, longest: int, orders: int) -> ComplexArray:
+        """Run again with these harmonics, and keep each iterate: shape (1 + longest, n, ...)."""
+        options = {**self.options, "method": "successive", "harmonics": orders}
+        options["max_iterations"] = max(longest, 1)
+        found = self.job.run_apart("response solve", nu=self.frequencies, iterates=True, **options)[
+            "iterates"
+        ]
+        return np.asarray(np.moveaxis(found.T, 1, 0))
+
     def planned(self) -> dict[str, Any]:
         """Orders that may be kept, the method that runs, and the plan in words."""
         options = {name: one for name, one in self.options.items() if name != "start"}

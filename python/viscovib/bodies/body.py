@@ -75,6 +75,7 @@ class Body(LinearBody):
         Inertia tensor about the mass centre in body axes (kg m^2), with tensor signs (J_xy = -sum m
         x y), or its diagonal.
     mounts : sequence of MountPoint
+        Empty: a free body.
     center : array_like, shape (3,), optional
         Mass centre (m), in the axes of the mounts' positions.
     gravity : float or array_like, shape (3,), optional
@@ -144,6 +145,10 @@ class Body(LinearBody):
         keep(self, "geometry", _native.choice("geometry", geometry, _GEOMETRIES))
         keep(self, "load_axes", _native.choice("load_axes", load_axes, _LOAD_AXES))
         keep(self, "gravity", own(checked_gravity(gravity)))
+        if self.gravity is not None and not self.mounts:
+            raise InputError(
+                "gravity: a free body has no static equilibrium, must be None; its weight is a load"
+            )
         keep(self, "spin", own(checked_vector("spin", spin)))
         springs = mount_springs(self.mounts, self.center)
         warn_of_units(self.body_mass, self.inertia, self.center, self.mounts, springs)

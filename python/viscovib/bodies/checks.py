@@ -37,6 +37,9 @@ def checked_inertia(value: npt.ArrayLike) -> FloatArray:
 
 def checked_mounts(value: Any) -> tuple[MountPoint, ...]:
     """Mounts whose names differ."""
+    if isinstance(value, (list, tuple)) and not value:
+        # A free body.
+        return ()
     mounts = tuple(_native.several("mounts", value, MountPoint))
     names = [mount.name for mount in mounts]
     for name in names:

@@ -11,11 +11,21 @@ import numpy.typing as npt
 
 from viscovib import _native
 from viscovib._native import ComplexArray, FloatArray
+from viscovib.bodies.mount_data import (
+    Units,
+    each_number,
+    gap_text,
+    is_table,
+    law_text,
+    loss_kernel,
+)
+from viscovib.common.parameters import Interval
 from viscovib.common.values import own, own_fields
 from viscovib.errors import InputError
 from viscovib.kernels.relaxation import Kernel
 from viscovib.systems.laws import Law, named_in, parameter_values, read_law, with_numbers
 
+_BAND = Interval("loss_band", 0)
 #: How far axes may be from a rotation.
 _ROTATION = 1e-9
 
@@ -96,17 +106,37 @@ class MountPoint:
         c_j (N s/m).
     kernel : Kernel or sequence of 3 Kernel or None, optional
         Memory of all three directions, or of each.
-    law : str or sequence of 3 str or None, optional
+    law : str, function, table, or sequence of 3 of them or None, optional
         Nonlinear forces g_j(d): polynomials such as ``"1e10*d^3"``, whose linear term is added to
         k_j, or texts with functions and the rate v as for `Spring`, such as a snubber ``"1e6*max(d
-        - 0.004, 0)"``. A value at d = 0 is a preload: the static equilibrium balances all preloads
-        and the weight.
+        - 0.004, 0)"``. A Python function of d and v that consists of arithmetic and NumPy functions
+        is used as its text. A measured table of deflections and forces, shape (n, 2), n <= 60, is
+        interpolated linearly and continued beyond its ends; give it with ``stiffness`` 0 in this
+        direction. A value at d = 0 is a preload: the static equilibrium balances all preloads and
+        the weight.
     parameters : mapping of str to float, optional
         Numbers in the laws; along branches ``vary="mounts[left].k3"``.
     rotational_stiffness : array_like, shape (3,), optional
         About the local axes (N m/rad), for the rotation of the body, with the same memory.
     track : FluidTrack, optional
         The inertia track of a fluid mount.
+    gap, gap_stiffness : float or sequence of 3 float or None, optional
+        Stops on both sides: beyond the deflections gap and -gap (m) the additional force has the
+        stiffness gap_stiffness (N/m). The stop is part of the law, so the kernel acts on it. With
+        gravity the gap refers to the unloaded mount.
+    loss_factor : float or sequence of 3 float or None, optional
+        Structural damping k (1 + i eta) in the band ``loss_band``, instead of ``kernel``. A loss
+        factor that is constant at all frequencies has no causal equivalent. Therefore a sum of
+        exponentials is fitted: in the band its loss factor is within 1 % of eta, and at the centre
+        sqrt(low high) the stiffness is k_j. Below and above, the stiffness changes with the
+        frequency as causality requires (Kramers and Kronig), 2 eta/pi per e-fold. The same kernel
+        acts in the frequency domain and in time.
+    loss_band : (float, float), optional
+        Its ends (rad/s).
+    units : str, optional
+        Units of the numbers above: "N, mm" or "kN, mm", for example, instead of "N, m": stiffnesses
+        in N/mm, lengths and the variable d of the laws in mm. Angles are in rad. The attributes
+        have SI units.
 
     Examples
     --------
@@ -128,10 +158,15 @@ class MountPoint:
     axes: npt.ArrayLike | None = None
     damping: npt.ArrayLike = 0.0
     kernel: Kernel | Sequence[Kernel | None] | None = None
-    law: str | Sequence[str | None] | None = None
+    law: Any = None
     parameters: Mapping[str, float] | None = None
     rotational_stiffness: npt.ArrayLike = (0.0, 0.0, 0.0)
     track: FluidTrack | None = None
+    gap: float | Sequence[float | None] | None = None
+    gap_stiffness: float | Sequence[float | None] | None = None
+    loss_factor: float | Sequence[float | None] | None = None
+    loss_band: tuple[float, float] | None = None
+    units: str | None = None
 
     #: Local axes in the body's, a column each, shape (3, 3).
     rotation: FloatArray = field(init=False, repr=False)
@@ -150,6 +185,8 @@ class MountPoint:
                 f"name = {_native.shown(self.name)}: must be letters, digits and _, not begin with "
                 "a digit, and have at most 14 characters"
             )
+        values = parameter_values(self.parameters, ("d", "v"))
+        self._convert(values)
         self._set("position", self._vector("position", self.position))
         self._set("rotation", own(self._rotation()))
         stiffness = self._vector("stiffness", self.stiffness, positive=True)
@@ -160,11 +197,13 @@ class MountPoint:
         self._set("damping", self._vector("damping", damping, positive=True))
         turning = self._vector("rotational_stiffness", self.rotational_stiffness, positive=True)
         self._set("rotational_stiffness", turning)
-        self._set("kernels", self._each("kernel", self.kernel, Kernel))
-        values = parameter_values(self.parameters, ("d", "v"))
+        kernels, shares = self._losses()
+        self._set("kernels", kernels)
         laws: list[dict[int, float] | Law] = []
-        elastic = stiffness.copy()
-        for j, text in enumerate(self._each("law", self.law, str)):
+        elastic = stiffness / shares
+        for j, text in enumerate(self._with_stops(self._each("law", self.law, str))):
+            if text is not None and shares[j] != 1:
+                text = f"{float(1 / shares[j])!r}*({text})"
             law, linear = self._law(j, text, values)
             elastic[j] += linear
             laws.append(law)
@@ -174,6 +213,72 @@ class MountPoint:
             _native.check_instance(f"{self.name}: track", self.track, FluidTrack)
         if not (elastic.any() or any(laws) or turning.any() or self.track):
             raise InputError(f"{self.name}: stiffness = 0 0 0: must not be 0 in every direction")
+
+    def _convert(self, values: dict[str, float]) -> None:
+        """Bring all numbers to SI units, and laws to texts."""
+        given = None if self.units is None else Units.read(self.name, self.units)
+        laws = self.law
+        if isinstance(laws, (list, tuple)) and len(laws) == 3 and not is_table(laws):
+            laws = tuple(
+                law_text(f"{self.name}: law[{j}]", law, values, given) for j, law in enumerate(laws)
+            )
+        else:
+            laws = law_text(f"{self.name}: law", laws, values, given)
+        self._set("law", laws)
+        if given is None:
+            return
+        stiffness = given.force / given.length
+        for name, factor in (
+            ("position", given.length), ("stiffness", stiffness), ("damping", stiffness),
+            ("rotational_stiffness", given.force * given.length),
+        ):  # fmt: skip
+            array = _native.real_array(f"{self.name}: {name}", getattr(self, name))
+            self._set(name, array * factor)
+        for name, factor in (("gap", given.length), ("gap_stiffness", stiffness)):
+            each = each_number(f"{self.name}: {name}", getattr(self, name))
+            self._set(name, tuple(None if one is None else one * factor for one in each))
+        self._set("units", None)
+
+    def _losses(self) -> tuple[tuple[Kernel | None, ...], FloatArray]:
+        """Kernels, and the shares of the stiffness that are left at the centre of the band."""
+        kernels = self._each("kernel", self.kernel, Kernel)
+        factors = each_number(f"{self.name}: loss_factor", self.loss_factor)
+        shares = np.ones(3)
+        if not any(factors):
+            return kernels, shares
+        if self.loss_band is None:
+            raise InputError(
+                f"{self.name}: loss_factor: needs loss_band=(low, high) (rad/s), since a loss "
+                "factor constant at all frequencies has no causal equivalent; or give kernel= or "
+                "damping="
+            )
+        band = _BAND.check(self.loss_band)
+        found = list(kernels)
+        for j, factor in enumerate(factors):
+            if not factor:
+                continue
+            if factor < 0 or kernels[j] is not None:
+                raise InputError(
+                    f"{self.name}: loss_factor = {factor:g}: must not be negative, and not be "
+                    "given with a kernel"
+                )
+            found[j], shares[j] = loss_kernel(self.name, factor, band)
+        return tuple(found), shares
+
+    def _with_stops(self, laws: tuple[Any, ...]) -> list[str | None]:
+        """Laws with the forces of the stops."""
+        gaps = each_number(f"{self.name}: gap", self.gap)
+        stiff = each_number(f"{self.name}: gap_stiffness", self.gap_stiffness)
+        found: list[str | None] = []
+        for law, gap, k in zip(laws, gaps, stiff, strict=True):
+            if gap is not None and k is None:
+                raise InputError(f"{self.name}: gap = {gap:g}: needs gap_stiffness (N/m)")
+            if gap is None or k is None:
+                found.append(law)
+                continue
+            stop = gap_text(self.name, gap, k)
+            found.append(stop if law is None else f"{law} + {stop}")
+        return found
 
     def _law(
         self, j: int, text: str | None, values: dict[str, float]

@@ -116,8 +116,9 @@ def mount_springs(mounts: Sequence[MountPoint], center: FloatArray) -> MountSpri
             damping_of_tracks[own, own] = mount.track.damping
             own += 1
     return MountSprings(
-        np.array(rows), np.array(arms), np.array(stiffness), np.array(damping), tuple(kernels),
-        tuple(laws), tuple(first), mass_of_tracks, damping_of_tracks, np.zeros(len(rows)),
+        np.array(rows).reshape(-1, n), np.array(arms).reshape(-1, 3), np.array(stiffness),
+        np.array(damping), tuple(kernels), tuple(laws), tuple(first), mass_of_tracks,
+        damping_of_tracks, np.zeros(len(rows)),
     )  # fmt: skip
 
 

@@ -72,6 +72,25 @@ class Kernel(ABC):
         result: FloatArray = _same_shape(values, times)
         return result
 
+    def plot(self, ax: Any = None, *, t: npt.ArrayLike | None = None) -> Any:
+        """Plot R(t) and the relaxation of a unit step of strain, and return the axes.
+
+        Parameters
+        ----------
+        ax : sequence of 2 Axes, optional
+            By default those of a new figure.
+        t : array_like, optional
+            Times > 0 (s); by default six decades around the mean time of the kernel.
+
+        Examples
+        --------
+        >>> import viscovib as vv
+        >>> axes = vv.RzhanitsynKernel(amplitude=0.048, alpha=0.1, beta=0.05).plot()
+        """
+        from importlib import import_module
+
+        return import_module("viscovib.plots.kernels").plot_kernel(self, ax, t)
+
     def transform(self, mu: npt.ArrayLike) -> ComplexArray:
         """R_c - i R_s at circular frequencies mu (rad/s), any shape; dimensionless."""
         frequencies = _native.real_array("mu", mu)

@@ -197,6 +197,40 @@ class Response(PeriodicMotions, Result):
         """
         return np.asarray(self._work.corrections(int(self.iterations.max(initial=0))))
 
+    @cached_property
+    def iterates(self) -> ComplexArray:
+        """Successive iterates X_k, shape (1 + iterations, n, n_dof, m); NaN after the last one.
+
+        The first iterate is the linear response, the last one is the result. The first access
+        repeats the computation with the harmonics of the result. Frequencies that another method
+        solved show the iteration that does not converge. A linear response has only one iterate.
+
+        Examples
+        --------
+        >>> import viscovib as vv
+        >>> duffing = vv.PolynomialSystem(mass=1, stiffness=1, damping=0.1, forces="x^3")
+        >>> response = vv.forced_response(duffing, [0.5], load=0.1)
+        >>> first = abs(response.iterates[:3, 0, 0, 0])
+        >>> print(*first.round(5))
+        0.13304 0.13083 0.13094
+        """
+        if self.method == "linear":
+            return self.coefficients[np.newaxis]
+        if self.dof_names != self._computed_names:
+            raise InputError("iterates: are available for mounts and polynomial systems only")
+        longest = int(self.iterations[self.methods == "successive"].max(initial=1))
+        found: ComplexArray = self._work.iterates(longest, int(self.harmonics[-1]))
+        # Relative to the base; the base motion is the same in each.
+        solved = np.nan_to_num(self.coefficients)
+        assert self._parts is not None
+        moved = solved - self._parts.relative(self.harmonics, solved, np.ones(self.nu.size))
+        return found[..., : self.harmonics.size] + moved
+
+    @property
+    def _computed_names(self) -> tuple[str, ...]:
+        """Coordinates that the core computes."""
+        return self.dof_names if self._job.n_dof == len(self.dof_names) else ()
+
     def _motions(self) -> tuple[FloatArray, npt.NDArray[Any], ComplexArray]:
         return self.nu, self.harmonics, self.coefficients
 

@@ -17,6 +17,7 @@ from viscovib._native import ComplexArray, FloatArray
 from viscovib.errors import InputError, StabilityWarning, caller
 from viscovib.kernels.relaxation import Kernel
 from viscovib.systems.characteristic import CharacteristicRoots, characteristic_roots
+from viscovib.systems.normal_coordinates import NormalCoordinates
 
 GEOMETRIES = ("exact", "cubic", "printed")
 _AS_X = -1
@@ -120,6 +121,19 @@ class Mount:
     def mode_shapes(self) -> FloatArray:
         """Mode shapes as columns (1, a_2j), shape (2, 2); unit vectors if offset is 0."""
         return np.ascontiguousarray(_native.run("system modes", self._handle)["shapes"])
+
+    def modes(self) -> NormalCoordinates:
+        """Return the modes without memory and damping, with their normal coordinates."""
+        shapes = self.mode_shapes()
+        mass = np.array([self.mass, self.inertia])
+        modal_mass = np.asarray(mass @ shapes**2)
+        (_, kernel), (_, kernel_phi) = self._springs
+        coupled = "" if kernel == kernel_phi else "the springs have different kernels"
+        if np.asarray(self.damping).any():
+            coupled = "there is damping"
+        return NormalCoordinates(
+            self.natural_frequencies(), shapes, modal_mass, mass, kernel, self.memory_scale, coupled
+        )
 
     def characteristic_roots(self) -> CharacteristicRoots:
         """Roots of det[s^2 M + s C + sum_j K_j (1 - R_j(s))] = 0: decay and frequency.
