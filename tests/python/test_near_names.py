@@ -106,3 +106,60 @@ def test_of_the_package():
         _ = vv.forced_respons
     with pytest.raises(AttributeError, match=r"no attribute 'zzzzzz'$"):
         _ = vv.zzzzzz
+
+
+MOUNT = {"mass": 1, "inertia": 0.1, "offset": 0.5, "stiffness_x": 10, "stiffness_phi": 2}
+
+
+def respond(**options):
+    return vv.forced_response(system(), [1.0], **({"load": 1} | options))
+
+
+def of_forces(text):
+    return vv.PolynomialSystem(mass=1, stiffness=1, forces=text)
+
+
+def point(**given):
+    return vv.MountPoint(**({"name": "a", "position": (0, 0, 0), "stiffness": (1, 1, 1)} | given))
+
+
+@pytest.mark.parametrize(
+    ("call", "text"),
+    [
+        (lambda: vv.Mount(**(MOUNT | {"mass": "1 kg"})), "mass = '1 kg': must be a real number"),
+        (lambda: vv.Mount(**(MOUNT | {"mass": -1})), "mass = -1: must be greater than 0"),
+        (lambda: vv.Mount(**MOUNT, kernel=0.1), "kernel = 0.1: must be a Kernel or None"),
+        (lambda: vv.Mount(**MOUNT, geometry="exakt"), "did you mean 'exact'?"),
+        (lambda: vv.RzhanitsynKernel(amplitude=1, alpha=2, beta=1), "alpha = 2: must be in (0, 1]"),
+        (lambda: of_forces("x^3 + y"), "'y' is neither a variable (x, x_dot) nor a parameter"),
+        (lambda: of_forces("2*(x^3"), "its end is found where ) should be"),
+        (lambda: of_forces("2x^3"), "every product has its *"),
+        (lambda: of_forces("sgn(x_dot)"), "'sgn' is not a known function"),
+        (lambda: of_forces("0.1*xdot"), "did you mean x_dot?"),
+        (lambda: respond(harmonics="9"), "harmonics = '9': must be an integer or 'auto'"),
+        (lambda: respond(tolerance=1), "tolerance = 1: must be in [1e-14, 0.1]"),
+        (lambda: respond(method="HBM"), "did you mean 'newton'?"),
+        (lambda: vv.forced_response(system(), [0, 1], load=1), "nu = 0: must be greater than 0"),
+        (lambda: vv.forced_response(system(), [1]), "load or base: must be given"),
+        (lambda: vv.forced_response(system(), [1], load="1 N"), "load = '1 N': must be numbers"),
+        (lambda: vv.forced_response(system(), [1], load={"X": 1}), "one of the 1 coordinates x"),
+        (lambda: vv.forced_response(system(), [1], load={1.5: 1}), "must be an integer"),
+        (lambda: vv.forced_response(MOUNT, [1], load=1), "must be a Mount or a PolynomialSystem"),
+        (lambda: vv.trace_response(system(), 1.0, load=1), "nu_range: must be two numbers"),
+        (lambda: vv.simulate(system(), 10, initial=[1]), "initial: must have shape (2,)"),
+        (lambda: vv.simulate(system(), 1, initial=[1, 0], dt=5), "not exceed t_end = 1"),
+        (lambda: respond().amplitude("y"), "dof = 'y': must be one of 'x' (0)"),
+        (lambda: vv.Spring(on="x1", law="x^3"), "did you mean d?"),
+        (lambda: point(position=(0, 0)), "a: position: must have shape (3,), got (2,)"),
+        (lambda: point(stiffness=1e5), "a: stiffness: must have shape (3,), got ()"),
+        (lambda: point(name="front left"), "name = 'front left': must be letters, digits and _"),
+        (lambda: vv.run("nothing.nml"), "nothing.nml: cannot be read"),
+        (lambda: vv.read_dma("nothing.csv"), "nothing.csv: cannot be read"),
+    ],
+)
+def test_of_values(call, text):
+    """The thing, its value, and what is allowed, in one line."""
+    with pytest.raises(vv.ViscovibError) as told:
+        call()
+    assert text in str(told.value)
+    assert "\n" not in str(told.value)
