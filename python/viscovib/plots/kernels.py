@@ -18,6 +18,8 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 _DARK = "#0b1d51"
+#: Smallest value that is drawn, relative to the largest.
+_SHOWN = 1e-8
 
 
 def plot_kernel(
@@ -28,8 +30,10 @@ def plot_kernel(
     if not times.size or times.min() <= 0:
         raise InputError("t: must be times greater than 0")
     first, second = axes = panels(ax, 2, "R(t) and the relaxation")
-    first.loglog(times, kernel(times), color=_DARK)
-    first.set(ylabel="kernel $R(t)$ (1/s)")
+    values = kernel(times)
+    first.loglog(times, values, color=_DARK)
+    # An exponential decay would hide the other decades.
+    first.set(ylabel="kernel $R(t)$ (1/s)", ylim=(max(values.min(), _SHOWN * values.max()), None))
     second.semilogx(times, kernel.relaxation(times), color=_DARK)
     second.set(xlabel="time $t$ (s)", ylabel=r"relaxation $1 - \int_0^t R$")
     return axes
