@@ -36,7 +36,7 @@ myst_substitutions = {
             "| key | default | allowed | |",
             "| --- | --- | --- | --- |",
             *(
-                f"| `{name}` | {'chosen' if one.default is None else format(one.default, 'g')} | {one.lowest:g} to {one.highest:g} | "
+                f"| `{name}` | {one.default or 0:g} | {one.lowest:g} to {one.highest:g} | "
                 f"{one.text} |"
                 for name, one in OPTIONS.items()
             ),
