@@ -21,6 +21,15 @@ _PICTURE = "a picture: numbers are those of the result it is given"
 _WHOLE = "tests/python/test_structure.py compares it with the whole system"
 _MODES = "tests/python/test_modal_model.py compares it with the whole structure"
 NOTHING_TO_JUDGE = {
+    "Kernel.plot": "a picture: tests/python/test_kernels.py reads its curves",
+    "Mount.modes": "tests/python/test_mount.py: the paper's equations (7) and (8)",
+    "NormalCoordinates": "tests/python/test_mount.py, with all of its methods",
+    "NormalCoordinates.normal": "the same",
+    "NormalCoordinates.physical": "the same",
+    "NormalCoordinates.force": "the same",
+    "NormalCoordinates.dynamic_stiffness": "the same",
+    "MultipleScales.formula": "words: its test evaluates them",
+    "Response.iterates": "tests/python/test_response.py: by the formula of the paper",
     "Coupling": _WHOLE,
     "MountForces.lost_in_turning": "tests/python/test_body.py: the balance of power of bodies",
     "Response.plan": "words: tests/python/test_frequency_tolerances.py and others read them",

@@ -8,6 +8,7 @@ from referee.models import some_prony
 
 JUDGES = (
     "Structure.reduce", "Structure.reduction", "Structure.characteristic_roots",
+    "Structure.natural_frequencies",
 )  # fmt: skip
 
 
@@ -87,9 +88,16 @@ r = vv.forced_response(small, [{nu}], load={{'x{pushed + 1}': {size}}}, method="
 u, orders, found = r.coefficients[0], r.harmonics, bool(r.converged[0])
 error, told = small.reduction.largest_error, float(r.reduction_error[0])
 modes, checked = small.reduction.n_modes, float(r.check(points=1).max())
+omega = s.natural_frequencies()
 """
 
     def judge(names, told):
+        heavy = chain.mass > 0
+        k = chain.k + own * np.outer(e, e)
+        carried = np.linalg.solve(k[~heavy][:, ~heavy], k[~heavy][:, heavy])
+        bent = k[heavy][:, heavy] - k[heavy][:, ~heavy] @ carried
+        true = np.sqrt(scipy.linalg.eigvalsh(bent, np.diag(chain.mass[heavy])))
+        yield Claim("natural frequencies", names["omega"], true, 1e-9 * true)
         if not names["found"]:
             return
         u, orders = names["u"], names["orders"]
