@@ -125,7 +125,8 @@ contains
     integer :: i, k, way
 
     if (.not. allocated(self%truncation)) return
-    w = [(spread(weights(k), 1, size(self%x, 1)/size(weights)), k=1, size(weights))]
+    allocate (w, source=[(spread(weights(k), 1, size(self%x, 1)/size(weights)), &
+                          k=1, size(weights))])
     do k = 1, self%folds%n
       associate (error => self%folds%error(k))
         do way = -1, 1, 2
