@@ -440,14 +440,21 @@ contains
     if (.not. (part > 0.0_wp .and. part < longest_step)) return
     do i = 1, size(second)
       if (ieee_is_nan(real(second(i)))) cycle
-      distance = abs(first - second(i))
-      where (ieee_is_nan(real(first))) distance = huge(1.0_wp)
+      distance = distance_of(first, second(i))
       nearest = minloc(distance, 1)
+      if (.not. distance(nearest) < huge(1.0_wp)) cycle
       ! Not where another is as near to the former one.
-      if (any(abs(second - first(nearest)) < distance(nearest))) cycle
-      if (distance(nearest) < huge(1.0_wp)) next(i) = second(i) + part*(second(i) - first(nearest))
+      if (any(distance_of(second, first(nearest)) < distance(nearest))) cycle
+      next(i) = second(i) + part*(second(i) - first(nearest))
     end do
   end function continued
+
+  !> Distances of exponents from one; huge for what is no number.
+  pure elemental real(wp) function distance_of(one, other)
+    complex(wp), intent(in) :: one, other
+    distance_of = huge(1.0_wp)
+    if (.not. ieee_is_nan(real(one))) distance_of = abs(one - other)
+  end function distance_of
 
   !> One solution, that of `hill`.
   subroutine judge_by_hill(hill, system, near, exponents, n_growing, slowest)
