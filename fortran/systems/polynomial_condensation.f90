@@ -58,6 +58,8 @@ contains
     if (allocated(system%space_damping) .or. .not. any(touched(system))) return
     do i = 1, size(system%laws)
       if (system%laws(i)%state > 0 .or. any(branches(system%laws(i)%program%code))) return
+      ! A slope by a rate may be that of a thin layer.
+      if (any(abs(system%laws(i)%rates) > 0.0_wp)) return
     end do
     mass = system%mass
     pull = matmul(system%spread, system%gather)

@@ -274,6 +274,7 @@ SOUND = (
     ".response('p1', [1.01]).beating(0)",
     f"{SCALES}.modulation([0, 1, 2], [0.05, 0, 0.1, 0, 0.1, 0])",
     f"{MEMORY}.characteristic_roots()",
+    f"{MOUNT}.modes()",
     f"vv.trace_response({SYSTEM}, nu=0.5, load_range=(0, 10), load=1, harmonics=5, "
     "symmetric=False, max_points=200)",
     f"{SCALES}.resonances(tolerance=0.9)",

@@ -158,6 +158,14 @@ def switches_by_itself(system: PolynomialSystem) -> bool:
     return any(law.state or law.branches for group in system.groups for _, law in group.laws)
 
 
+def reads_rates(system: PolynomialSystem) -> bool:
+    """Whether some law depends on a velocity: its slope may be that of a thin layer."""
+    n = len(system.dof_names)
+    return any(
+        place >= n for group in system.groups for _, law in group.laws for place in law.places
+    )
+
+
 def _fades_beside_switches(system: PolynomialSystem, method: str) -> bool:
     """Whether steps may end where laws switch though the system remembers: by few exponentials."""
     if method not in ("auto", *REMEMBERING) or not switches_by_itself(system):

@@ -21,7 +21,7 @@ from viscovib.common.counts import things
 from viscovib.common.mesh import Mesh
 from viscovib.common.past import check_start
 from viscovib.common.plan import Plan
-from viscovib.common.progress import Bar, progress_bar
+from viscovib.common.progress import SILENT, Bar, progress_bar
 from viscovib.errors import InputError
 from viscovib.results.trajectory import OUTCOMES, Trajectory
 from viscovib.systems.oscillators import Oscillator
@@ -428,7 +428,9 @@ class Run(ABC):
         counts = {self.counts: 0}
         states: list[FloatArray] = []
         ended = 0
-        with progress_bar(n, "steps", progress) as bar:
+        # Short runs do not look for somebody who watches.
+        long = progress or n > _native.MANY_STEPS
+        with progress_bar(n, "steps", progress) if long else SILENT as bar:
             if skipped:
                 ended = self._advance(skipped, replace(want, keep="last"), states, counts, bar)
                 start, first = self.done, self.state

@@ -16,7 +16,7 @@ from viscovib import _native
 from viscovib._native import FloatArray
 from viscovib.analyses.hereditary import FIRST, NODES, PASTS, MountRun, history_of
 from viscovib.analyses.kept_numbers import of_structure
-from viscovib.analyses.memoryless import switches_by_itself
+from viscovib.analyses.memoryless import reads_rates, switches_by_itself
 from viscovib.analyses.runs import MAX_STEPS, Run, starting_state
 from viscovib.analyses.structure_modal import modal_arrays
 from viscovib.common.counts import things
@@ -449,7 +449,7 @@ def goes_by_modes(
         return False
     if not system._strong_damping * end > _MANY_DECAYS or system._modes_in_time is None:
         return False
-    if system._turns or switches_by_itself(system):
+    if system._turns or switches_by_itself(system) or reads_rates(system):
         return False
     if not (isinstance(method, str) and method in ("auto", *NODES)):
         return False

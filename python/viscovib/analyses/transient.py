@@ -369,7 +369,9 @@ def runs_of(
             system, end, initial, method, load, nu, force, solved, kept, base=base, held=held
         )
         return *made, 1
-    if not (isinstance(system, Structure) or goes_by_modes(system, end, method, base)):
+    by_modes = isinstance(system, Structure) or goes_by_modes(system, end, method, base)
+    if not by_modes:
+        assert not isinstance(system, Structure)
         if goes_as_pendulum(system, method, load, base, held, given.memory):
             made = polynomial_runs(
                 system, end, initial, method, load, nu, force, solved, base=base, held=held
@@ -380,17 +382,15 @@ def runs_of(
                 system, end, initial, method, load, nu, force, solved, True, base, held
             )
             return *made, 1
-    if (
-        isinstance(system, Structure)
-        or goes_by_modes(system, end, method, base)
-        or goes_condensed(system)
-    ):
+    if by_modes or goes_condensed(system):
+        assert not isinstance(system, Mount)
         shape = StructureMotion.checked(
             system, end, initial, method, load, nu, base, force, held, given.memory,
             given.coordinates,
         )  # fmt: skip
         make = shape.runs(far if shape.remembers else ROUNDING)
         return make, shape.first_steps(), 2 if shape.remembers else 1
+    assert not isinstance(system, Structure)
     motion = MountMotion.checked(
         system, end, initial, method, load, nu, base, force, held, given.memory
     )

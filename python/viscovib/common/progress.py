@@ -50,6 +50,10 @@ class _Silent:
         return None
 
 
+#: No bar.
+SILENT: Bar = _Silent()
+
+
 class _Late(_Silent):
     """A bar that opens by itself if the work takes long."""
 
@@ -99,7 +103,7 @@ def progress_bar(total: int, unit: str, shown: bool, done: int = 0) -> Bar:
     if shown:
         bar: Bar = _new_bar(total=total, initial=done, unit=f" {unit}")
         return bar
-    return _Late(total, unit, done) if shows_by_itself() else _Silent()
+    return _Late(total, unit, done) if shows_by_itself() else SILENT
 
 
 @contextmanager
