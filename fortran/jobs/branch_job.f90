@@ -1,7 +1,6 @@
 !> A branch of periodic solutions of a mount or a polynomial system, in the frequency, the load
 !! or a parameter of the mount.
 module viscovib_branch_job
-  use viscovib_condensed_subject, only: condense_subject
   use viscovib_counters, only: count_up, counted_columns, counting
   use viscovib_crossings, only: crossing_type, find_crossings
   use viscovib_curve_branch, only: curve_branch_type, curve_completed, curve_options, curve_outcomes
@@ -49,10 +48,19 @@ module viscovib_branch_job
     procedure, nopass :: kind => this_kind
     procedure :: plan => plan_branch
     procedure :: run
+    procedure :: may_condense
     procedure :: response_plan
   end type branch_job
 
 contains
+
+  !> Not where a number of the system varies, or columns need all coordinates.
+  subroutine may_condense(self, may, stability)
+    class(branch_job), intent(in) :: self
+    logical, intent(out) :: may, stability
+    may = self%number == 0 .and. .not. (self%extra%sampling .or. self%extra%dissipation)
+    stability = self%stability
+  end subroutine may_condense
 
   pure function this_kind() result(kind)
     character(len=:), allocatable :: kind
@@ -72,33 +80,7 @@ contains
                            options, status)
   end subroutine response_plan
 
-  !> The subject condensed, where that takes less time.
-  subroutine condense_for(self, subject, condensed, is_condensed)
-    class(branch_job), intent(in) :: self
-    type(subject_type), intent(in) :: subject
-    type(subject_type), intent(out) :: condensed
-    logical, intent(out) :: is_condensed
-    is_condensed = .false.
-    if (self%number > 0 .or. self%extra%sampling .or. self%extra%dissipation) return
-    call condense_subject(subject, self%stability, condensed, is_condensed)
-  end subroutine condense_for
-
   subroutine plan_branch(self, subject, text, status)
-    class(branch_job), intent(in) :: self
-    type(subject_type), intent(in), target :: subject
-    character(len=:), allocatable, intent(out) :: text
-    type(status_type), intent(out) :: status
-    type(subject_type), target :: condensed
-    logical :: is_condensed
-    call condense_for(self, subject, condensed, is_condensed)
-    if (is_condensed) then
-      call plan_on(self, condensed, text, status)
-    else
-      call plan_on(self, subject, text, status)
-    end if
-  end subroutine plan_branch
-
-  subroutine plan_on(self, subject, text, status)
     class(branch_job), intent(in) :: self
     type(subject_type), intent(in), target :: subject
     character(len=:), allocatable, intent(out) :: text
@@ -115,7 +97,7 @@ contains
                       merge(0, size(plan%set%orders), plan%chosen), &
                       most_along(subject%oscillator(), subject%load), self%stability)//plan%rest &
            //plan_unwanted('columns', subject, self%wanted)
-  end subroutine plan_on
+  end subroutine plan_branch
 
   !> What will be computed; the rest of the plan is that of a single response.
   function plan_along(varies, from, to, n_orders, most, stability) result(text)
@@ -137,22 +119,6 @@ contains
   end function plan_along
 
   subroutine run(self, subject, sink, report, status)
-    class(branch_job), intent(in) :: self
-    type(subject_type), intent(in), target :: subject
-    class(table_sink), intent(inout) :: sink
-    type(job_report), intent(out) :: report
-    type(status_type), intent(out) :: status
-    type(subject_type), target :: condensed
-    logical :: is_condensed
-    call condense_for(self, subject, condensed, is_condensed)
-    if (is_condensed) then
-      call run_on(self, condensed, sink, report, status)
-    else
-      call run_on(self, subject, sink, report, status)
-    end if
-  end subroutine run
-
-  subroutine run_on(self, subject, sink, report, status)
     class(branch_job), intent(in) :: self
     type(subject_type), intent(in), target :: subject
     class(table_sink), intent(inout) :: sink
@@ -234,7 +200,7 @@ contains
       branch%x(2::2, :) = reshape(aimag(motions), [size(orders)*size(self%wanted), n])
     end subroutine show_structure
 
-  end subroutine run_on
+  end subroutine run
 
   !> Follow the branch as planned.
   subroutine follow_branch(job, plan, system, load, branch, orders, highest, stability, crossings, &

@@ -13,38 +13,29 @@ module viscovib_condensed_subject
 
 contains
 
-  !> The subject condensed, where motions, and their stability if wanted, take less time so.
-  subroutine condense_subject(subject, stability, condensed, is_condensed)
-    type(subject_type), intent(in) :: subject
+  !> Condense a subject where motions, and their stability if wanted, take less time so.
+  subroutine condense_subject(subject, stability)
+    type(subject_type), intent(inout) :: subject
     logical, intent(in) :: stability
-    type(subject_type), intent(out) :: condensed
-    logical, intent(out) :: is_condensed
-
-    is_condensed = .false.
     if (.not. subject%is_polynomial .or. subject%is_structure .or. subject%is_body) return
-    if (.not. condenses(subject%polynomial, stability)) return
-    condensed = subject
-    call condense(condensed, .false., is_condensed)
+    if (condenses(subject%polynomial, stability)) call condense(subject, .false.)
   end subroutine condense_subject
 
   !> The same for motions in time, of systems with strong dampers.
   subroutine condense_in_time(subject, t_end)
     type(subject_type), intent(inout) :: subject
     real(wp), intent(in) :: t_end
-    logical :: is_condensed
     if (subject%is_body .or. subject%is_turning) return
-    if (is_overdamped(subject%polynomial, t_end)) call condense(subject, .true., is_condensed)
+    if (is_overdamped(subject%polynomial, t_end)) call condense(subject, .true.)
   end subroutine condense_in_time
 
   !> A polynomial system as a structure; without modes that give the compliance it stays whole.
-  subroutine condense(subject, in_time, is_condensed)
+  subroutine condense(subject, in_time)
     type(subject_type), intent(inout) :: subject
     logical, intent(in) :: in_time
-    logical, intent(out) :: is_condensed
     type(load_type) :: load
     type(status_type) :: status
 
-    is_condensed = .false.
     load = subject%load
     call condense_polynomial(subject%polynomial, subject%model, subject%structure, status)
     if (.not. status%failed()) then
@@ -56,7 +47,6 @@ contains
     end if
     subject%is_polynomial = .false.
     subject%is_structure = .true.
-    is_condensed = .true.
   end subroutine condense
 
 end module viscovib_condensed_subject

@@ -20,6 +20,7 @@ module viscovib_job
     procedure(plan_interface), deferred :: plan
     procedure(run_interface), deferred :: run
     procedure(kind_interface), deferred, nopass :: kind
+    procedure :: may_condense
   end type job_type
 
   type :: job_report
@@ -71,6 +72,14 @@ module viscovib_job
   end interface
 
 contains
+
+  !> Whether the motions may be those of a condensed system, and whether their stability is judged.
+  subroutine may_condense(self, may, stability)
+    class(job_type), intent(in) :: self
+    logical, intent(out) :: may, stability
+    may = .false. .and. same_type_as(self, self)
+    stability = .false.
+  end subroutine may_condense
 
   !> The line about columns, or what else, of coordinates that are not wanted, if there are any.
   function plan_unwanted(what, subject, wanted) result(text)

@@ -1,6 +1,5 @@
 !> A steady response at given frequencies, of a mount or a polynomial system.
 module viscovib_response_job
-  use viscovib_condensed_subject, only: condense_subject
   use viscovib_counters, only: count_up, counted_columns, counting
   use viscovib_extra_columns, only: extra_columns
   use viscovib_forced_response, only: forced_response
@@ -30,42 +29,25 @@ module viscovib_response_job
     procedure, nopass :: kind => this_kind
     procedure :: plan => plan_response
     procedure :: run
+    procedure :: may_condense
   end type response_job
 
 contains
+
+  !> Not where columns need all coordinates; what is linear is solved as fast in these.
+  subroutine may_condense(self, may, stability)
+    class(response_job), intent(in) :: self
+    logical, intent(out) :: may, stability
+    may = self%method /= method_linear .and. .not. (self%extra%sampling .or. self%extra%dissipation)
+    stability = .false.
+  end subroutine may_condense
 
   pure function this_kind() result(kind)
     character(len=:), allocatable :: kind
     kind = 'response'
   end function this_kind
 
-  !> The subject condensed, where that takes less time.
-  subroutine condense_for(self, subject, condensed, is_condensed)
-    class(response_job), intent(in) :: self
-    type(subject_type), intent(in) :: subject
-    type(subject_type), intent(out) :: condensed
-    logical, intent(out) :: is_condensed
-    is_condensed = .false.
-    if (self%method == method_linear .or. self%extra%sampling .or. self%extra%dissipation) return
-    call condense_subject(subject, .false., condensed, is_condensed)
-  end subroutine condense_for
-
   subroutine plan_response(self, subject, text, status)
-    class(response_job), intent(in) :: self
-    type(subject_type), intent(in), target :: subject
-    character(len=:), allocatable, intent(out) :: text
-    type(status_type), intent(out) :: status
-    type(subject_type), target :: condensed
-    logical :: is_condensed
-    call condense_for(self, subject, condensed, is_condensed)
-    if (is_condensed) then
-      call plan_on(self, condensed, text, status)
-    else
-      call plan_on(self, subject, text, status)
-    end if
-  end subroutine plan_response
-
-  subroutine plan_on(self, subject, text, status)
     class(response_job), intent(in) :: self
     type(subject_type), intent(in), target :: subject
     character(len=:), allocatable, intent(out) :: text
@@ -77,25 +59,9 @@ contains
                            self%options, status)
     if (.not. status%failed()) text = subject%told()//plan%text &
                                        //plan_unwanted('columns', subject, self%wanted)
-  end subroutine plan_on
+  end subroutine plan_response
 
   subroutine run(self, subject, sink, report, status)
-    class(response_job), intent(in) :: self
-    type(subject_type), intent(in), target :: subject
-    class(table_sink), intent(inout) :: sink
-    type(job_report), intent(out) :: report
-    type(status_type), intent(out) :: status
-    type(subject_type), target :: condensed
-    logical :: is_condensed
-    call condense_for(self, subject, condensed, is_condensed)
-    if (is_condensed) then
-      call run_on(self, condensed, sink, report, status)
-    else
-      call run_on(self, subject, sink, report, status)
-    end if
-  end subroutine run
-
-  subroutine run_on(self, subject, sink, report, status)
     class(response_job), intent(in) :: self
     type(subject_type), intent(in), target :: subject
     class(table_sink), intent(inout) :: sink
@@ -137,7 +103,7 @@ contains
     if (short > 0) report%summary = report%summary//', '//show(short) &
                                     //' of them with too few harmonics'//worst_of(response)
     if (found < size(self%nu)) report%summary = report%summary//gaps_of(response)
-  end subroutine run_on
+  end subroutine run
 
   !> Where orders lack most, and what that leaves.
   function worst_of(response) result(text)

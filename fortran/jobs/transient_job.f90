@@ -100,21 +100,24 @@ contains
                   //'many (at most '//show(max_steps)//', and '//show(max_kept) &
                   //' states kept): take a shorter run or give dt')
       case (step_in_layer)
-        call fail(status, status_input_error, 'tolerance', told(job)//': not met with ' &
+        call fail(status, status_input_error, 'tolerance', accuracy(job)//': not met with ' &
                   //show(n*search%factor)//' steps: a law changes in a layer thinner than a step ' &
                   //'(take dt below that, or a wider layer)')
       case (step_grown)
         if (.not. search%grown < huge(1.0_wp)) then
-          call fail(status, status_input_error, 'tolerance', told(job)//': not met: with numbers ' &
+          call fail(status, status_input_error, 'tolerance', accuracy(job) &
+                    //': not met: with numbers ' &
                     //'of the system changed by rounding errors the run ends differently: the ' &
                     //'motion is chaotic or unstable, take a shorter run or a larger tolerance')
         else if (run%outcome == run_event) then
-          call fail(status, status_input_error, 'tolerance', told(job)//': not met: roundings ' &
+          call fail(status, status_input_error, 'tolerance', accuracy(job)//': not met: ' &
+                    //'roundings ' &
                     //'leave an error of '//show(search%grown)//' of the event that ends the run ' &
                     //'at t = '//show(run%t_reached)//': it is close to grazing, or the motion ' &
                     //'is chaotic or unstable, take a larger tolerance')
         else
-          call fail(status, status_input_error, 'tolerance', told(job)//': not met: the motion ' &
+          call fail(status, status_input_error, 'tolerance', accuracy(job)//': not met: ' &
+                    //'the motion ' &
                     //'makes roundings of the numbers of the system ' &
                     //show(search%grown/epsilon(1.0_wp))//' times as large until t = ' &
                     //show(run%t_reached)//', which leaves an error of '//show(search%grown) &
@@ -122,20 +125,20 @@ contains
                     //'tolerance')
         end if
       case default
-        call fail(status, status_input_error, 'tolerance', told(job)//': not met with ' &
-                  //show(n*search%factor)//' steps ('//told_change(search%change)//'): ' &
+        call fail(status, status_input_error, 'tolerance', accuracy(job)//': not met with ' &
+                  //show(n*search%factor)//' steps ('//change_in_words(search%change)//'): ' &
                   //cause(job, run, search%change))
       end select
     end associate
   end subroutine explain
 
   !> How far runs with different step sizes differ, in words.
-  pure function told_change(change)
+  pure function change_in_words(change)
     real(wp), intent(in) :: change
-    character(len=:), allocatable :: told_change
-    told_change = 'runs with different step sizes end differently'
-    if (change < huge(1.0_wp)) told_change = 'states still change by '//show(change)
-  end function told_change
+    character(len=:), allocatable :: change_in_words
+    change_in_words = 'runs with different step sizes end differently'
+    if (change < huge(1.0_wp)) change_in_words = 'states still change by '//show(change)
+  end function change_in_words
 
   !> Whether a run of n steps is affordable, before the first of them.
   subroutine check_work(job, n, status)
@@ -160,14 +163,14 @@ contains
   end subroutine check_work
 
   !> The accuracy wanted, as it was given.
-  function told(job)
+  function accuracy(job)
     class(transient_job), intent(in) :: job
-    character(len=:), allocatable :: told
-    told = 'tolerance = '//show(job%tolerance)
-    if (job%by_size()) told = 'tolerance = '//show(part_of_size)//' of the size of the motion'
-    if (job%relative > 0.0_wp) told = 'rtol = '//show(job%relative)//', atol = ' &
+    character(len=:), allocatable :: accuracy
+    accuracy = 'tolerance = '//show(job%tolerance)
+    if (job%by_size()) accuracy = 'tolerance = '//show(part_of_size)//' of the size of the motion'
+    if (job%relative > 0.0_wp) accuracy = 'rtol = '//show(job%relative)//', atol = ' &
                                       //show(job%tolerance)
-  end function told
+  end function accuracy
 
   !> Why halving the step led nowhere.
   function cause(job, last, change) result(text)

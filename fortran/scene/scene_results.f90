@@ -2,6 +2,7 @@
 !!
 !! A new analysis is added here: its name in `viscovib_scene_groups`, its case in `read_result`.
 module viscovib_scene_results
+  use viscovib_condensed_subject, only: condense_subject
   use viscovib_backbone_groups, only: read_backbone, read_free, read_structure_backbone
   use viscovib_backbone_job, only: backbone_job
   use viscovib_basins_groups, only: read_basins
@@ -53,6 +54,7 @@ contains
     type(status_type), intent(out) :: status
     type(group_reader) :: reader
     character(len=:), allocatable :: plan
+    logical :: may_condense, stability
     integer :: n
 
     n = find_result(file)
@@ -101,6 +103,8 @@ contains
       call job%plan(subject, plan, status)
       if (status%failed()) call place_failure(file, subject, job%kind(), status)
     end if
+    call job%may_condense(may_condense, stability)
+    if (may_condense) call condense_subject(subject, stability)
 
   contains
 

@@ -104,3 +104,32 @@ def test_motions_in_time_tell_a_static_preload(solve, tmp_path):
         plan = solve(scene, "--plan").stdout.splitlines()
         assert "computes: the static preload of laws that are not 0 at rest (up to 0.2)" in plan
         assert str(vv.plan(scene)).splitlines() == plan
+
+
+CHAIN = """&system coordinates='a' 'b' 'c' 'd' mass=1 1 1 1 damping=0.1 0.1 0.1 0.1 kernel=0
+  stiffness=2 -1 0 0 -1 2 -1 0 0 -1 2 -1 0 0 -1 2 /
+&kernel kind='prony' weights=0.2 rates=1 /
+&force on='d' law='0.5*d^3' kernel=1 /
+"""
+HEAVY = """&system coordinates='x' mass=1 stiffness=1 damping=DAMPING /
+&force on='x' law='0.5*x^3' /
+"""
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        (CHAIN + "&load on='a' amplitude=0.3 /\n&branch nu_from=0.3 nu_to=1 /\n", True),
+        (CHAIN + "&load on='a' amplitude=0.3 /\n&response nu=0.5 method='newton' /\n", True),
+        (CHAIN + "&load on='a' amplitude=0.3 /\n&response nu=0.5 method='linear' /\n", False),
+        (HEAVY.replace("DAMPING", "1e5") + "&transient initial=0.5 0 t_end=100 /\n", True),
+        (HEAVY.replace("DAMPING", "0.1") + "&transient initial=0.5 0 t_end=100 /\n", False),
+        (HEAVY.replace("DAMPING", "1e5") + "&transient initial=0.5 0 t_end=1e-3 /\n", False),
+    ],
+)
+def test_systems_are_condensed_where_that_takes_less_time(solve, tmp_path, text, said):
+    scene = tmp_path / "scene.nml"
+    scene.write_text(text)
+    done = solve("--plan", scene)
+    assert done.returncode == 0, done.stderr
+    assert (" condensed to 1 deflection by " in done.stdout) == said

@@ -204,9 +204,9 @@ def _why(run: Run, found: dict[str, Any], n: int, accuracy: Accuracy) -> str:
         )
     if found["verdict"] == _IN_LAYER:
         layer = last._layer()
-        told = "a law changes in a layer thinner than a step (take dt below that, or a wider layer)"
-        told = last._pole_passed() or (told if layer is None else layer.told())
-        return f"not met with {steps} steps: {told}"
+        why = "a law changes in a layer thinner than a step (take dt below that, or a wider layer)"
+        why = last._pole_passed() or (why if layer is None else layer.told())
+        return f"not met with {steps} steps: {why}"
     if found["verdict"] == _TOO_MANY or "coarse_t" not in found:
         return f"not met: {steps} steps, and twice as many, are too many: give dt"
     coarse = copy.copy(run)
@@ -215,8 +215,8 @@ def _why(run: Run, found: dict[str, Any], n: int, accuracy: Accuracy) -> str:
     changed = "runs with different step sizes end differently"
     if change < 1e300:
         changed = f"states still change by {change:.1e}"
-    told = reason(told_in_one_way(before, last), last, accuracy)
-    return f"not met with {steps} steps ({changed}): {told}"
+    why = reason(told_in_one_way(before, last), last, accuracy)
+    return f"not met with {steps} steps ({changed}): {why}"
 
 
 def _plan_of(first: Run, want: Wanted, end: float, accuracy: Accuracy) -> Plan:
