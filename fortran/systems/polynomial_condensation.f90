@@ -123,7 +123,8 @@ contains
     model%places = unit
     model%base_direction = system%base_direction
     model%directions = unit(:, dofs)
-    allocate (model%elements(0), model%modal%ratios(0))
+    allocate (model%elements(0))
+    allocate (model%modal%ratios(n), source=0.0_wp)
     call new_rest(model%rest, model%mass, model%damping, model%stiffness, model%places, &
                   model%modal, status, none)
     if (status%failed()) return
