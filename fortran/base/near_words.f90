@@ -3,7 +3,7 @@ module viscovib_near_words
   implicit none
   private
 
-  public :: closest, distance, doubled, listed
+  public :: closest, doubled, listed, means, off_by
 
   !> Letters of a word that count.
   integer, parameter, public :: longest = 32
@@ -38,20 +38,51 @@ contains
     end do
   end function listed
 
-  !> The word that differs least, if by at most a third of its letters.
+  !> The word that is meant by another word, else the word that differs least, if by at most a
+  !! third of its letters; 0 if there is none.
   pure integer function closest(key, words)
     character(len=*), intent(in) :: key, words(:)
     integer :: i, best, d
+    do closest = 1, size(words)
+      if (means(key, trim(words(closest)))) return
+    end do
     closest = 0
     best = max(min(len(key), longest)/3, 1) + 1
     do i = 1, size(words)
-      d = distance(key, trim(words(i)))
+      d = off_by(key, trim(words(i)))
       if (d < best) then
         best = d
         closest = i
       end if
     end do
   end function closest
+
+  !> True if a word is a beginning of another word, of three letters or more, or its synonym.
+  pure logical function means(given, word)
+    character(len=*), intent(in) :: given, word
+    select case (given)
+    case ('freq', 'frequency', 'omega')
+      means = word == 'nu'
+    case ('sgn')
+      means = word == 'sign'
+    case ('ln')
+      means = word == 'log'
+    case default
+      means = len(given) >= 3 .and. len(given) < len(word) .and. index(word, given) == 1
+    end select
+  end function means
+
+  !> The distance of a name from another name that may be meant. A name of one letter is a symbol,
+  !! so only the other case of this letter is near.
+  pure integer function off_by(given, name)
+    character(len=*), intent(in) :: given, name
+    off_by = huge(1)/4
+    if (len(given) /= 1) then
+      off_by = distance(given, name)
+    else if (len(name) == 1) then
+      if (ior(iachar(given), 32) == ior(iachar(name), 32)) off_by = 1
+    end if
+  end function off_by
 
   !> Letters to change, add, drop or exchange with the next one; what is longer
   !! than any key counts with its first letters only.

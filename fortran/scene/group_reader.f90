@@ -8,7 +8,7 @@ module viscovib_group_reader
   use viscovib_growing_text, only: growing_text
   use viscovib_kinds, only: wp
   use viscovib_namelist, only: group_type, lower
-  use viscovib_near_words, only: closest, distance, doubled, listed, longest
+  use viscovib_near_words, only: closest, doubled, listed, longest, means, off_by
   use viscovib_number_text, only: exact, exact_list, parse_integer, parse_real
   use viscovib_status, only: clipped, fail, show, status_input_error, status_type
   implicit none
@@ -116,7 +116,8 @@ contains
 
     do i = 1, self%group%n_entries
       associate (given => self%group%entries(i)%key)
-        if (any(self%known == given) .or. distance(given, key) > max(len(key)/4, 1)) cycle
+        if (any(self%known == given)) cycle
+        if (off_by(given, key) > max(len(key)/4, 1) .and. .not. means(given, key)) cycle
         call self%complain(given, unknown(given, self%group%name)//"; did you mean '"//key//"'?")
       end associate
     end do

@@ -54,12 +54,13 @@ contains
     type(status_type) :: status
     character(len=:), allocatable :: word
     real(wp) :: lowest, highest
-    integer :: n, spacing
+    integer :: i, n, spacing
 
     allocate (nu(0))
     call reader%refuse(former_keys, 'the ends are nu_from and nu_to, as of a &branch')
     if (reader%status%failed()) return
-    if (reader%has('nu')) then
+    if (reader%has('nu') .or. &
+        all([(index(reader%group%entries(i)%key, 'nu') /= 1, i=1, reader%group%n_entries)])) then
       call reader%refuse(grid_keys, 'the frequencies are listed in nu already; give either nu, ' &
                          //'or nu_from, nu_to, nu_count and nu_spacing')
       nu = reader%read_reals('nu')

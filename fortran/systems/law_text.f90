@@ -16,7 +16,7 @@ module viscovib_law_text
   use viscovib_law_program, only: add, degree_of, divide, f_atleast, f_atmost, f_less, f_more, &
     f_pow, first_function, functions, known_power, law_program, multiply, negate, operands, &
     parity_of, power, put_argument, put_number, square, subtract, wall
-  use viscovib_near_words, only: distance
+  use viscovib_near_words, only: means, off_by
   use viscovib_status, only: clipped, show
   use viscovib_text_cursor, only: digits, text_cursor
   implicit none
@@ -357,8 +357,9 @@ contains
     question = ''
     best = 2*max(len(name)/2, 1) + 2
     do i = 1, size(names)
-      far = 2*distance(name, trim(names(i))) &
+      far = 2*off_by(name, trim(names(i))) &
             + merge(0, 1, len(name) == len_trim(names(i)))
+      if (means(name, trim(names(i)))) far = 0
       if (far >= best) cycle
       best = far
       question = ' (did you mean '//trim(names(i))//'?)'

@@ -75,6 +75,9 @@ _SYNONYMS = {
     "rectangular": "none",
     "boxcar": "none",
     "decibel": "db",
+    "freq": "nu",
+    "frequency": "nu",
+    "omega": "nu",
 }
 
 
@@ -87,6 +90,8 @@ def nearest(wrong: str, known: Iterable[str]) -> str | None:
     if _SYNONYMS.get(word) in known:
         return _SYNONYMS[word]
     lower = {one.lower(): one for one in known}
+    if len(word) == 1:
+        return lower.get(word)  # a symbol: other symbols are not near
     near = get_close_matches(word, lower, n=1)
     return lower[near[0]] if near else None
 

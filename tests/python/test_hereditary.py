@@ -338,7 +338,7 @@ def test_table_and_dataset(mount, tmp_path):
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ({"load": 0.5}, "nu = None: must be greater than 0"),
+        ({"load": 0.5}, "nu: must be given with a load"),
         ({"nu": 1.5}, "nu: must not be given without load or base"),
         ({"initial": [0, 0]}, r"initial: must have shape \(4,\), got \(2,\)"),
         ({"initial": [0, math.nan, 0, 0]}, r"initial\[1\] = nan"),

@@ -130,7 +130,7 @@ def test_cubic_approaches_exact_with_the_fifth_power_of_amplitude():
         ({"mass": "heavy"}, "mass = 'heavy': must be a real number"),
         ({"mass": None}, "mass = None: must be a real number"),
         ({"mass": 1 + 2j}, "mass = (1+2j): must be a real number"),
-        ({"damping": [1, 2, 3]}, "damping: must have 2 dimension(s), got shape (3,)"),
+        ({"damping": [1, 2, 3]}, "damping: must have shape (2, 2), got (3,)"),
         ({"damping": np.eye(3)}, "damping: must have shape (2, 2), got (3, 3)"),
         ({"damping": [[0, np.nan], [0, 0]]}, "damping[0, 1] = nan"),
         ({"geometry": "round"}, "geometry = 'round': must be one of"),

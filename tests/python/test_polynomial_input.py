@@ -125,7 +125,7 @@ def test_bad_systems_are_named(given, text):
             ),
             "max_points = 100000: must be at most",
         ),
-        (lambda s: vv.simulate(s, 1, initial=[0, 0], load=1), "must be greater than 0 with a load"),
+        (lambda s: vv.simulate(s, 1, initial=[0, 0], load=1), "nu: must be given with a load"),
         (lambda s: vv.simulate(s, 1, initial=[0, 0], load=1, nu=0), "nu = 0: must be greater"),
         (lambda s: vv.simulate(s, 1, initial=[0, 0, 0]), "initial: must have shape (2,), got (3,)"),
         (

@@ -272,7 +272,7 @@ def _terminal(event):
         ({"initial": [1.0]}, r"initial: must have shape \(16,\)"),
         ({"base": 0.1, "nu": 1.0}, "base: this system has no base_direction"),
         ({"nu": 1.0}, "nu: must not be given without load or base"),
-        ({"load": np.ones(8)}, "nu = None: must be greater than 0"),
+        ({"load": np.ones(8)}, "nu: must be given with a load"),
         ({"method": "rk4"}, "method = 'rk4'"),
         ({"dt": 2.0, "t_end": 1.0}, "dt = 2"),
         ({"force": 3.0}, "force = 3.0: must be a LoadTable"),

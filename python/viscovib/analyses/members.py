@@ -14,6 +14,7 @@ from viscovib import _native
 from viscovib._native import FloatArray
 from viscovib.analyses.memoryless import SIDE_BY_SIDE, checked_state
 from viscovib.analyses.runs import MAX_STEPS, has_outrun
+from viscovib.common.parameters import no_frequency
 from viscovib.errors import InputError
 from viscovib.results.trajectory import OUTCOMES
 from viscovib.systems.load import LoadLike, load_series, name_places
@@ -141,9 +142,8 @@ class PolynomialMembers(Members):
         self.nu = np.array(self.varied.get("nu", np.full(self.n, frequency)))
         moving = bool((self.orders > 0).any() and self.series.any())
         if (self.nu < 0).any() or (moving and (self.nu == 0).any()):
-            raise InputError(
-                f"nu = {self.nu.min():g}: must be greater than 0 with a load of order 1 or more"
-            )
+            has_nu = nu is not None or "nu" in self.varied
+            raise no_frequency(self.nu.min() if has_nu else None)
         self.scales = np.ones((len(SCALES), self.n), order="F")
         for i, name in enumerate(SCALES):
             if name in self.varied:

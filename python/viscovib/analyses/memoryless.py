@@ -26,7 +26,7 @@ from viscovib.analyses.runs import (
     nothing,
     starting_state,
 )
-from viscovib.common.parameters import MAX_HARMONICS
+from viscovib.common.parameters import MAX_HARMONICS, no_frequency
 from viscovib.common.past import Past
 from viscovib.errors import InputError
 from viscovib.systems.load import LoadLike, load_series, name_places
@@ -224,8 +224,7 @@ def polynomial_runs(
     acting = [k for k, column in zip(given_orders, zip(*forces, strict=True), strict=True)
               if any(column)]  # fmt: skip
     if frequency < 0 or (frequency == 0 and acting and max(given_orders) > 0):
-        given = "None" if nu is None else f"{frequency:g}"
-        raise InputError(f"nu = {given}: must be greater than 0 with a load of order 1 or more")
+        raise no_frequency(nu if nu is None else frequency)
     if type(method) is not str or method not in _EVERY_METHOD:
         _native.choice("method", method, _EVERY_METHOD)
     name = "gauss8" if method == "auto" else method

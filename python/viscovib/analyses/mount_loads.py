@@ -4,6 +4,7 @@ import numpy as np
 
 from viscovib import _native
 from viscovib._native import ComplexArray, FloatArray
+from viscovib.common.parameters import no_frequency
 from viscovib.errors import InputError
 from viscovib.systems.load import LoadLike, oscillator_series
 from viscovib.systems.oscillators import Oscillator
@@ -27,8 +28,7 @@ def sinusoids(
     orders = np.where(apart, -1 - orders, orders)
     frequency = 0.0 if nu is None else _native.number("nu", nu)
     if frequency < 0 or (frequency == 0 and (orders > 0).any() and series.any()):
-        given = "None" if nu is None else f"{frequency:g}"
-        raise InputError(f"nu = {given}: must be greater than 0 with a load of order 1 or more")
+        raise no_frequency(nu if nu is None else frequency)
     frequencies = np.asarray(orders * frequency, dtype=np.float64)
     amplitudes = np.array(np.where(apart, 0.0, series[:n]), order="F")
     direction = mount._base_direction

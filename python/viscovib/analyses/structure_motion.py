@@ -20,6 +20,7 @@ from viscovib.analyses.memoryless import reads_rates, switches_by_itself
 from viscovib.analyses.runs import MAX_STEPS, Run, starting_state
 from viscovib.analyses.structure_modal import modal_arrays
 from viscovib.common.counts import things
+from viscovib.common.parameters import no_frequency
 from viscovib.common.past import Past
 from viscovib.errors import ConvergenceWarning, InputError, caller
 from viscovib.results.trajectory import Trajectory
@@ -174,8 +175,7 @@ class StructureMotion:
                 "kernel, or modal_damping)"
             )
         if frequency < 0 or (frequency == 0 and (loaded.orders > 0).any()):
-            given = "None" if nu is None else f"{frequency:g}"
-            raise InputError(f"nu = {given}: must be greater than 0 with a load of order 1 or more")
+            raise no_frequency(nu if nu is None else frequency)
         patterns, breaks, pieces = table_columns(force, structure)
         directions = loaded.condensation.laws.directions
         check_forces(structure, loaded, patterns)

@@ -22,7 +22,7 @@ from viscovib.bodies.mount_data import (
 from viscovib.common.parameters import Interval
 from viscovib.common.values import own, own_fields
 from viscovib.errors import InputError
-from viscovib.kernels.relaxation import Kernel
+from viscovib.kernels.relaxation import Kernel, kernel_call
 from viscovib.systems.laws import Law, named_in, parameter_values, read_law, with_numbers
 
 _BAND = Interval("loss_band", 0)
@@ -371,6 +371,7 @@ class MountPoint:
             return (value,) * 3
         allowed = f"a {kind.__name__}, None or three of them"
         if not isinstance(value, (list, tuple)) or len(value) != 3:
+            allowed += kernel_call(value)
             raise InputError(f"{self.name}: {name} = {_native.shown(value)}: must be {allowed}")
         for one in value:
             if not (one is None or isinstance(one, kind)):

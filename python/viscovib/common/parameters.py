@@ -27,6 +27,16 @@ _T = TypeVar("_T")
 _MAX_PATH = 4096
 
 
+def no_frequency(nu: float | None) -> InputError:
+    """Return the error of an oscillating load whose frequency is missing or not positive."""
+    if nu is None:
+        return InputError(
+            "nu: must be given with a load: its circular frequency (a constant load is "
+            "load={0: ...})"
+        )
+    return InputError(f"nu = {nu:g}: must be greater than 0 with a load of order 1 or more")
+
+
 @dataclass(frozen=True)
 class Parameter(ABC, Generic[_T]):
     """One argument: its name, and what it may be."""

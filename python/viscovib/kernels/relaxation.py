@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import warnings
 from abc import ABC, abstractmethod
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from functools import cached_property
 from typing import Any, ClassVar
 
@@ -285,6 +285,24 @@ class Kernel(ABC):
     def _check(self) -> None:
         """Let the core judge the parameters."""
         _ = self.integral
+
+
+def check_kernel(name: str, value: object, others: str = " or None") -> None:
+    """Refuse a value that is neither a kernel nor None."""
+    if not (value is None or isinstance(value, Kernel)):
+        shown = _native.shown(value)
+        raise InputError(f"{name} = {shown}: must be a Kernel{others}{kernel_call(value)}")
+
+
+def kernel_call(value: object) -> str:
+    """Return the call that is meant by the name or the class of a kernel; "" for other values."""
+    word = value.__name__ if isinstance(value, type) else value
+    word = word.strip().lower().removesuffix("kernel") if isinstance(word, str) else ""
+    for one in (RzhanitsynKernel, AbelKernel, RabotnovKernel, PronyKernel):
+        if one.__name__.lower() == f"{word}kernel":
+            arguments = ", ".join(f"{field.name}=..." for field in fields(one))
+            return f"; give {one.__name__}({arguments})"
+    return ""
 
 
 def _positive_times(t: npt.ArrayLike) -> FloatArray:

@@ -11,7 +11,7 @@ from viscovib._native import FloatArray
 from viscovib.common.expression import MAX_DEGREE
 from viscovib.common.values import own_fields
 from viscovib.errors import InputError
-from viscovib.kernels.relaxation import Kernel
+from viscovib.kernels.relaxation import Kernel, check_kernel
 from viscovib.systems.contacts import Contact
 from viscovib.systems.friction import Hysteresis
 from viscovib.systems.laws import Law, parameter_values, read_law
@@ -68,8 +68,7 @@ class Spring:
         own_fields(self)
         for name in ("stiffness", "damping"):
             object.__setattr__(self, name, _native.number(name, getattr(self, name)))
-        if not (self.kernel is None or isinstance(self.kernel, Kernel)):
-            raise InputError(f"kernel = {_native.shown(self.kernel)}: must be a Kernel or None")
+        check_kernel("kernel", self.kernel)
         object.__setattr__(self, "law", python_law(self.law))
         terms, program, damping = _law_terms(self.law, self.parameters, self.kernel is not None)
         object.__setattr__(self, "_law_damping", damping)
@@ -137,8 +136,7 @@ class Coupling:
                 f"on = {_native.shown(self.on)}: must be a mapping of names to directions, such as "
                 "{'a': 'x3'}"
             )
-        if not (self.kernel is None or isinstance(self.kernel, Kernel)):
-            raise InputError(f"kernel = {_native.shown(self.kernel)}: must be a Kernel or None")
+        check_kernel("kernel", self.kernel)
         taken = tuple(self.on)
         values = parameter_values(self.parameters, (*taken, *(f"{one}_dot" for one in taken)))
         if not isinstance(self.law, Mapping) or not self.law:

@@ -15,7 +15,7 @@ import numpy.typing as npt
 from viscovib import _native
 from viscovib._native import ComplexArray, FloatArray
 from viscovib.errors import InputError, StabilityWarning, caller
-from viscovib.kernels.relaxation import Kernel
+from viscovib.kernels.relaxation import Kernel, check_kernel
 from viscovib.systems.characteristic import CharacteristicRoots, characteristic_roots
 from viscovib.systems.normal_coordinates import NormalCoordinates
 
@@ -96,21 +96,17 @@ class Mount:
             object.__setattr__(self, name, _native.number(name, getattr(self, name)))
         _native.choice("geometry", self.geometry, GEOMETRIES)
         damping = np.zeros((2, 2)) if self.damping is None else self.damping
-        matrix = _native.real_array("damping", damping, ndim=2).copy()
+        matrix = _native.real_array("damping", damping).copy()
         if matrix.shape != (2, 2):
-            raise InputError(f"damping: must have shape (2, 2), got {matrix.shape}")
+            raise InputError(
+                f"damping: must have shape (2, 2), got {matrix.shape}: a viscous damping matrix in "
+                "x and phi, such as damping=[[c_x, 0], [0, c_phi]]"
+            )
         matrix.setflags(write=False)
         object.__setattr__(self, "damping", matrix)
-        if not (self.kernel is None or isinstance(self.kernel, Kernel)):
-            raise InputError(f"kernel = {_native.shown(self.kernel)}: must be a Kernel or None")
-        if not (
-            self.kernel_phi is None
-            or self.kernel_phi is False
-            or isinstance(self.kernel_phi, Kernel)
-        ):
-            raise InputError(
-                f"kernel_phi = {_native.shown(self.kernel_phi)}: must be a Kernel, None or False"
-            )
+        check_kernel("kernel", self.kernel)
+        if self.kernel_phi is not False:
+            check_kernel("kernel_phi", self.kernel_phi, ", None or False")
         self.natural_frequencies()
         warn_of_creep(self.memory_scale * kernel.integral for kernel in self._active_kernels)
 

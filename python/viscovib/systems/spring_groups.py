@@ -15,7 +15,7 @@ from viscovib._native import FloatArray
 from viscovib.common.expression import MAX_DEGREE, Polynomial
 from viscovib.common.values import own, own_fields
 from viscovib.errors import InputError
-from viscovib.kernels.relaxation import Kernel
+from viscovib.kernels.relaxation import Kernel, check_kernel
 from viscovib.systems.laws import Law, read_law
 from viscovib.systems.python_law import PythonLaw, callable_law, python_laws
 
@@ -162,10 +162,7 @@ def spring_group(
     prefix: str, springs: Springs, names: tuple[str, ...], parameters: Mapping[str, float]
 ) -> SpringGroup:
     """Understand springs: polynomials apart from other laws, linear terms in the stiffness."""
-    if not (springs.kernel is None or isinstance(springs.kernel, Kernel)):
-        raise InputError(
-            f"{prefix}kernel = {_native.shown(springs.kernel)}: must be a Kernel or None"
-        )
+    check_kernel(f"{prefix}kernel", springs.kernel)
     given = square_matrix(f"{prefix}stiffness", springs.stiffness, len(names))
     stiffness = given.copy()
     forces: dict[tuple[int, tuple[int, ...]], float] = {}
