@@ -1,7 +1,6 @@
 !> What tasks share: building systems from arrays, and turning a status into numbers and text.
 module viscovib_binding_tools
   use, intrinsic :: iso_c_binding, only: c_char, c_int
-  use viscovib_base_motion, only: base_motion_type
   use viscovib_body_vector, only: body_from_vector
   use viscovib_catalogue, only: kernel_none, new_kernel
   use viscovib_kernel_holder, only: kernel_holder
@@ -19,7 +18,7 @@ module viscovib_binding_tools
   implicit none
   private
 
-  public :: make_base, make_load, make_mount, make_pendulum, make_system, report, to_complex
+  public :: make_load, make_mount, make_pendulum, make_system, report, to_complex
 
   !> Length of the flat mount: mass, inertia, offset, stiffness_x,
   !! stiffness_phi, damping (4, column by column), cubic_scale, memory_scale,
@@ -174,22 +173,5 @@ contains
     text = one_line(outcome%message)
     call keep_message(text, len(text))
   end subroutine report
-
-  !> A base that moves by waves and by cubics between breaks; one break: there are none.
-  subroutine make_base(base, direction, frequencies, waves, breaks, pieces)
-    type(base_motion_type), intent(inout) :: base
-    !> How the coordinates move with it; none: each has a displacement of its own.
-    real(wp), intent(in) :: direction(:)
-    !> Shapes (n), (m), (4, q, m) and (q, n).
-    real(wp), intent(in) :: frequencies(:), breaks(:), pieces(:, :, :)
-    complex(wp), intent(in) :: waves(:, :)
-    if (size(breaks) == 1 .and. .not. any(abs(waves) > 0.0_wp)) return
-    if (size(direction) > 0) base%direction = direction
-    base%frequencies = frequencies
-    base%amplitudes = waves
-    if (size(breaks) == 1) return
-    base%breaks = breaks
-    base%pieces = pieces
-  end subroutine make_base
 
 end module viscovib_binding_tools

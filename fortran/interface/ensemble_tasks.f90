@@ -10,7 +10,7 @@ module viscovib_ensemble_tasks
   use viscovib_lane_motion, only: lane_motion_type, new_lane_motion
   use viscovib_lanes, only: n_lanes
   use viscovib_load, only: load_type
-  use viscovib_motion_piece, only: load_of
+  use viscovib_motion_inputs, only: load_of
   use viscovib_pendulum, only: pendulum_type
   use viscovib_polynomial, only: polynomial_type
   use viscovib_status, only: fail, status_input_error

@@ -1,8 +1,10 @@
 !> A motion in time in steps that are found, or with the error of given steps, as a task.
 module viscovib_motion_search
   use viscovib_kinds, only: i8, wp
-  use viscovib_piece_runs, only: new_piece_runs, piece_runs, shared_type
-  use viscovib_run_maker, only: transient_job
+  use viscovib_motion_inputs, only: read_equations, read_piece
+  use viscovib_motion_piece, only: motion_equations
+  use viscovib_motion_request, only: transient_job
+  use viscovib_piece_runs, only: piece_runs, shared_type
   use viscovib_step_search, only: estimate_error, find_step, search_type, step_found
   use viscovib_task, only: task_type
   use viscovib_trajectory, only: trajectory_type
@@ -15,9 +17,11 @@ module viscovib_motion_search
 contains
 
   !> Find the step of a motion, or (`estimate`) the error of one in `n_steps` steps, as
-  !! `viscovib_step_search` does. Given besides what its pieces are: what `new_piece_runs` takes;
-  !! `absolute`, `relative`: errors allowed, both 0: as a part of the size of the motion; `fills`:
-  !! so many states that peaks between them are low.
+  !! `viscovib_step_search` does. Given besides what its pieces are: `t_end_of_run`; as of
+  !! `piece_runs` `at_times`, `last_only`, `looks`, `tail`, `holds_places`, `most_direct`, `later`;
+  !! `rows` (m): those of states by which runs are compared; `absolute`, `relative`: errors allowed,
+  !! both 0: as a part of the size of the motion; `fills`: so many states that peaks between them
+  !! are low.
   !!
   !! Found: `verdict` (0: the step is found), `change`, `grown`, `error`; `t` (k) and `states` (m,
   !! k), all rows; `last`, `memory` and what else a piece leaves; `step`, `factor`: by what it is
@@ -28,12 +32,26 @@ contains
     type(task_type), intent(inout) :: task
     integer, intent(in) :: kind
     type(shared_type), target :: shared
+    class(motion_equations), allocatable, target :: equations
     type(piece_runs) :: runs
     type(transient_job) :: job
     type(search_type) :: search
 
-    call new_piece_runs(runs, task, kind, shared)
+    call read_piece(task, runs%first)
+    if (.not. task%failed()) call read_equations(task, kind, runs%first, equations)
     if (task%failed()) return
+    runs%equations => equations
+    runs%t_end = task%get_real('t_end_of_run')
+    runs%at_times = task%get_flag('at_times')
+    runs%last_only = task%get_flag('last_only')
+    runs%looks = task%get_flag('looks')
+    runs%tail = task%get_real('tail')
+    allocate (runs%rows, source=task%get_integers('rows'))
+    runs%holds_places = task%get_flag('holds_places')
+    runs%most_direct = task%get_long('most_direct')
+    runs%later = task%get_real('later')
+    if (task%failed()) return
+    call runs%begin(shared)
     job%t_end = runs%t_end
     job%tolerance = task%get_real('absolute')
     job%relative = task%get_real('relative')

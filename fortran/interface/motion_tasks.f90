@@ -11,13 +11,14 @@ module viscovib_motion_tasks
   use viscovib_load, only: load_type, new_load
   use viscovib_method_catalogue, only: new_stepper
   use viscovib_motion_beside, only: motion_beside
-  use viscovib_motion_piece, only: load_of, piece_type, polynomial_of
+  use viscovib_motion_inputs, only: load_of, of_pendulum, of_structure, polynomial_of, put_piece, &
+    read_equations, read_piece, with_memory, without_memory
+  use viscovib_motion_piece, only: motion_equations, piece_type
   use viscovib_motion_search, only: search_step
   use viscovib_motion_slopes, only: has_slopes
   use viscovib_oscillator, only: oscillator_type
   use viscovib_pendulum, only: pendulum_type
   use viscovib_pendulum_job, only: plan_pendulum
-  use viscovib_piece_runs, only: of_pendulum, of_structure, run_piece, with_memory, without_memory
   use viscovib_polynomial, only: polynomial_type
   use viscovib_polynomial_job, only: plan_polynomial
   use viscovib_polynomial_motion, only: polynomial_motion_type
@@ -72,16 +73,19 @@ contains
   subroutine run_motion(task, kind)
     type(task_type), intent(inout) :: task
     integer, intent(in) :: kind
+    class(motion_equations), allocatable :: equations
     type(piece_type) :: piece
 
     if (task%has('estimate')) then
       call search_step(task, kind)
       return
     end if
-    call piece%read(task)
+    call read_piece(task, piece)
     call piece%make_room(task%get_integer('columns'))
-    if (.not. task%failed()) call run_piece(task, kind, piece)
-    call piece%put(task)
+    if (.not. task%failed()) call read_equations(task, kind, piece, equations)
+    if (task%failed()) return
+    call equations%run(piece, task%status)
+    call put_piece(task, piece)
   end subroutine run_motion
 
   !> A motion of a polynomial system from t = 0, in `n_steps` equal steps `h`, and the derivatives

@@ -221,16 +221,15 @@ contains
     text = ''
     m = size(trajectory%t)
     if (subject%is_pendulum .or. subject%is_turning) return
-    if (allocated(trajectory%last)) then
+    if (m == 0) return
+    ! With memory a motion leaves a law within a step: the last state kept is before that.
+    state = trajectory%states(:, m)
+    further = 2.0_wp*(trajectory%t_reached - trajectory%t(m)) + trajectory%h
+    select type (motion => self%motion)
+    type is (transient_job)
       state = trajectory%last
       further = located*trajectory%h
-    else if (m > 0) then
-      ! The last state kept is steps before the stop.
-      state = trajectory%states(:, m)
-      further = 2.0_wp*(trajectory%t_reached - trajectory%t(m)) + trajectory%h
-    else
-      return
-    end if
+    end select
     n = size(self%motion%initial)
     if (subject%is_structure) then
       if (.not. allocated(trajectory%places)) return

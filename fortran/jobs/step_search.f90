@@ -7,7 +7,8 @@
 module viscovib_step_search
   use viscovib_event_errors, only: differences_type, find_differences, tell_error
   use viscovib_kinds, only: i8, wp
-  use viscovib_run_maker, only: run_maker, transient_job
+  use viscovib_motion_request, only: transient_job
+  use viscovib_piece_runs, only: piece_runs
   use viscovib_simulate, only: run_coarse, run_completed, run_stopped
   use viscovib_status, only: set_ok, status_type
   use viscovib_trajectory, only: change_of, compare, grown_of, hopeless, max_halvings, off_of, &
@@ -79,8 +80,8 @@ module viscovib_step_search
 contains
 
   !> Runs in ever smaller steps, n of them at first, until the tolerance is met.
-  subroutine find_step(maker, job, n, search, status)
-    class(run_maker), intent(in) :: maker
+  subroutine find_step(runs, job, n, search, status)
+    type(piece_runs), intent(in) :: runs
     class(transient_job), intent(in) :: job
     integer(i8), intent(in) :: n
     type(search_type), intent(out) :: search
@@ -94,8 +95,8 @@ contains
 
     fills = job%fills .and. job%save_every == 1 .and. .not. job%last_only
     held = 1
-    if (fills .and. maker%goes_inside()) held = min(high, most_of_step(n))
-    call maker%make(job, n, 1, held, coarse, status)
+    if (fills .and. runs%goes_inside()) held = min(high, most_of_step(n))
+    call runs%make(job, n, 1, held, coarse, status)
     if (status%failed()) return
     if (coarse%outcome == run_stopped) then
       search%run = coarse
@@ -108,15 +109,15 @@ contains
     do
       if (cannot_be_made(2*search%factor)) exit
       search%factor = 2*search%factor
-      call maker%make(job, n, search%factor, parts, fine, status)
+      call runs%make(job, n, search%factor, parts, fine, status)
       if (status%failed()) return
       search%run = fine
       if (fine%outcome == run_stopped) return
       call fine%thin(parts, ends)
-      call maker%align(before, ends)
-      call judge(maker, job, n, search%factor, before, ends, lost, search%change, met, status)
+      call runs%align(before, ends)
+      call judge(runs, job, n, search%factor, before, ends, lost, search%change, met, status)
       if (status%failed()) return
-      call look_at_growth(maker, job, n, before, ends, growth, met, search, status)
+      call look_at_growth(runs, job, n, before, ends, growth, met, search, status)
       if (status%failed()) return
       if (search%verdict /= step_found) then
         call give_up()
@@ -127,12 +128,12 @@ contains
         ! Two runs agree that have both missed a layer.
         times = shorter_by(fine)
       else if (met) then
-        call finish(maker, job, n, coarse, held, fine, parts, before, ends, search, done, status)
+        call finish(runs, job, n, coarse, held, fine, parts, before, ends, search, done, status)
         if (done .or. status%failed()) return
       else
         n_changes = n_changes + 1
         changes(n_changes) = search%change
-        if (outruns(maker, coarse, fine)) exit
+        if (outruns(runs, coarse, fine)) exit
         ! Halving gains nothing before what a law depends on is followed.
         if (hopeless(changes(:n_changes)) .and. fine%outcome == run_completed &
             .and. fine%too_long > followed) times = shorter_by(fine)
@@ -147,7 +148,7 @@ contains
           return
         end if
         search%factor = search%factor*times
-        call maker%make(job, n, search%factor, parts, fine, status)
+        call runs%make(job, n, search%factor, parts, fine, status)
         if (status%failed()) return
         call fine%thin(parts, ends)
       end if
@@ -190,8 +191,8 @@ contains
   !> Difference of a run from a run with twice the step size, and whether both meet the tolerance.
   !! Both runs may have the same error from a kink next to an end of all their steps. A run with one
   !! more step for each first step has different ends of steps.
-  subroutine judge(maker, job, n, factor, coarse, fine, lost, change, met, status)
-    class(run_maker), intent(in) :: maker
+  subroutine judge(runs, job, n, factor, coarse, fine, lost, change, met, status)
+    type(piece_runs), intent(in) :: runs
     class(transient_job), intent(in) :: job
     integer(i8), intent(in) :: n
     integer, intent(in) :: factor
@@ -204,7 +205,7 @@ contains
     type(trajectory_type) :: other
     real(wp) :: allowed(size(fine%states, 1)), apart
     call set_ok(status)
-    apart = parted(maker, job, coarse, fine)
+    apart = parted(runs, job, coarse, fine)
     change = max(change_of(coarse, fine), apart)
     if (change < huge(1.0_wp) .and. fine%outcome == run_completed) then
       allowed = job%allowed(fine)
@@ -215,9 +216,9 @@ contains
     end if
     if (.not. fine%over_kinks) return
     if (met .and. allocated(lost)) then
-      call maker%make(job, n, factor + 1, 1, other, status)
+      call runs%make(job, n, factor + 1, 1, other, status)
       if (status%failed()) return
-      call maker%align(other, fine)
+      call runs%align(other, fine)
       lost = max(lost, off_of(other, fine))
     end if
     call compare(coarse, fine, allowed, lost, change, met)
@@ -225,8 +226,8 @@ contains
 
   !> What roundings have grown to counts, too: once, as rough as will do, and only where the runs at
   !! hand do not tell it.
-  subroutine look_at_growth(maker, job, n, coarse, fine, growth, met, search, status)
-    class(run_maker), intent(in) :: maker
+  subroutine look_at_growth(runs, job, n, coarse, fine, growth, met, search, status)
+    type(piece_runs), intent(in) :: runs
     class(transient_job), intent(in) :: job
     integer(i8), intent(in) :: n
     type(trajectory_type), intent(inout) :: coarse, fine
@@ -245,18 +246,18 @@ contains
     ! Runs before and after thin layers are met are not in the same parts of steps.
     if (.not. met) return
     if (.not. allocated(growth%grown)) then
-      if (maker%goes_in_parts()) return
+      if (runs%goes_in_parts()) return
       rise = risen(coarse, fine)
       if (rise < huge(1.0_wp)) then
         search%grown = rise
         search%change = max(search%change, rise)
         return
       end if
-      call grow(maker, job, n, growth%factor, growth%run, growth%grown, status)
+      call grow(runs, job, n, growth%factor, growth%run, growth%grown, status)
       if (status%failed() .or. .not. allocated(growth%grown)) return
       if (.not. all(growth%grown < huge(1.0_wp)) .and. growth%factor /= search%factor) then
         ! A coarse run may stop where a finer one does not.
-        call grow(maker, job, n, search%factor, fine, growth%grown, status)
+        call grow(runs, job, n, search%factor, fine, growth%grown, status)
         if (status%failed() .or. .not. allocated(growth%grown)) return
       end if
     end if
@@ -270,8 +271,8 @@ contains
   !> What roundings become along a run, of each row of states, by runs of a system with other
   !! numbers; not allocated: there are none. What start and numbers bring may cancel: where it grows
   !! both signs count.
-  subroutine grow(maker, job, n, factor, run, grown, status)
-    class(run_maker), intent(in) :: maker
+  subroutine grow(runs, job, n, factor, run, grown, status)
+    type(piece_runs), intent(in) :: runs
     class(transient_job), intent(in) :: job
     integer(i8), intent(in) :: n
     integer, intent(in) :: factor
@@ -281,9 +282,9 @@ contains
     type(trajectory_type) :: other
     integer :: sign
     do sign = 1, -1, -2
-      call maker%make_shaken(job, n, factor, sign, other, status)
+      call runs%make_shaken(job, n, factor, sign, other, status)
       if (status%failed() .or. .not. allocated(other%states)) return
-      call maker%align(other, run)
+      call runs%align(other, run)
       if (sign == 1) then
         allocate (grown, source=grown_of(run, other))
       else
@@ -295,8 +296,8 @@ contains
 
   !> By how much two runs that keep the last state alone differ on the way, where that tells that
   !! they are not one motion, else 0: those that pass through chaos may end alike by chance.
-  real(wp) function parted(maker, job, coarse, fine) result(change)
-    class(run_maker), intent(in) :: maker
+  real(wp) function parted(runs, job, coarse, fine) result(change)
+    type(piece_runs), intent(in) :: runs
     class(transient_job), intent(in) :: job
     type(trajectory_type), intent(in) :: coarse, fine
     type(trajectory_type) :: one, other
@@ -308,7 +309,7 @@ contains
     other%t = fine%looks(1, :)
     allocate (one%states, source=coarse%looks)
     allocate (other%states, source=fine%looks)
-    call maker%align(one, other)
+    call runs%align(one, other)
     allocate (off, source=maxval(abs(other%states - one%states), 2))
     allocate (allowed, source=max(job%allowed(other), one_motion*maxval(abs(other%states), 2)))
     if (any(off > allowed)) change = maxval(off)
@@ -316,11 +317,11 @@ contains
 
   !> Whether the motion outruns its laws, where a step has as many parts at most, of any length: two
   !! runs that could not follow it end at one place, far from where it began.
-  logical function outruns(maker, coarse, fine)
-    class(run_maker), intent(in) :: maker
+  logical function outruns(runs, coarse, fine)
+    type(piece_runs), intent(in) :: runs
     type(trajectory_type), intent(in) :: coarse, fine
     outruns = .false.
-    if (.not. maker%goes_in_parts() .or. size(fine%t) == 0) return
+    if (.not. runs%goes_in_parts() .or. size(fine%t) == 0) return
     if (coarse%outcome /= run_coarse .or. fine%outcome /= run_coarse) return
     outruns = min(coarse%t_reached, fine%t_reached) > coarse%h &
               .and. abs(fine%t_reached - coarse%t_reached) <= coarse%h &
@@ -330,8 +331,8 @@ contains
 
   !> Of two runs that agree at ends of steps, the finer one with as many states as are wanted; not
   !! `done`: those inside its steps are not exact enough, and steps are to be shorter.
-  subroutine finish(maker, job, n, coarse, held, fine, parts, before, ends, search, done, status)
-    class(run_maker), intent(in) :: maker
+  subroutine finish(runs, job, n, coarse, held, fine, parts, before, ends, search, done, status)
+    type(piece_runs), intent(in) :: runs
     class(transient_job), intent(in) :: job
     integer(i8), intent(in) :: n
     !> The two runs, with the states that they keep of each first step; the same at ends of these.
@@ -349,28 +350,28 @@ contains
     needed = 1
     search%per_step = 1
     if (ends%outcome /= run_completed) search%run = ends
-    if (job%fills .and. job%save_every == 1 .and. .not. (job%last_only .or. maker%keeps_all())) then
+    if (job%fills .and. job%save_every == 1 .and. .not. (job%last_only .or. runs%keeps_all())) then
       if (ends%outcome == run_completed) then
         needed = parts_for_peaks(ends)
       else
-        call fill_to_stop(maker, job, n, ends, search, status)
+        call fill_to_stop(runs, job, n, ends, search, status)
         if (status%failed()) return
       end if
     end if
     if (needed > parts) then
-      call maker%make(job, n, max(search%factor, needed), needed, search%run, status)
+      call runs%make(job, n, max(search%factor, needed), needed, search%run, status)
       if (status%failed()) return
       search%factor = max(search%factor, needed)
     else if (ends%outcome == run_completed) then
       call fine%thin(parts/needed, search%run)
       if (needed > search%factor) then
-        call look_inside(maker, job, coarse, held, fine, parts, search%factor, ends, beyond, inside)
+        call look_inside(runs, job, coarse, held, fine, parts, search%factor, ends, beyond, inside)
         if (beyond <= 1.0_wp) then
           search%per_step = needed/search%factor
           search%change = max(search%change, inside)
         else if (needed < 8*search%factor &
                  .or. beyond > gain_inside**(log(0.25_wp*needed/search%factor)/log(2.0_wp))) then
-          call maker%make(job, n, needed, needed, search%run, status)
+          call runs%make(job, n, needed, needed, search%run, status)
           if (status%failed()) return
           search%factor = needed
         else
@@ -379,14 +380,14 @@ contains
         end if
       end if
     end if
-    call find_differences(before, ends, search%grown, .not. maker%renames(), differences)
+    call find_differences(before, ends, search%grown, .not. runs%renames(), differences)
     call tell_error(search%run, before, search%change, differences, job%watched)
   end subroutine finish
 
   !> How exact states are that polynomials of steps give, by those of steps of twice the length at
   !! all places that both keep: places further apart may be ends of steps alone.
-  subroutine look_inside(maker, job, coarse, held, fine, parts, factor, ends, beyond, error)
-    class(run_maker), intent(in) :: maker
+  subroutine look_inside(runs, job, coarse, held, fine, parts, factor, ends, beyond, error)
+    type(piece_runs), intent(in) :: runs
     class(transient_job), intent(in) :: job
     type(trajectory_type), intent(in) :: coarse, fine, ends
     integer, intent(in) :: held, parts, factor
@@ -400,9 +401,9 @@ contains
     both = min(held, parts)
     call coarse%thin(held/both, one)
     call fine%thin(parts/both, other)
-    call maker%align(one, other)
+    call runs%align(one, other)
     allocate (off, source=abs(other%states(:, 2:) - one%states(:, 2:)))
-    call gains(maker, coarse, 2*held/factor, fine, parts/factor, gain)
+    call gains(runs, coarse, 2*held/factor, fine, parts/factor, gain)
     steps = size(gain, 2)
     per = size(off, 2)/steps
     do k = 1, steps
@@ -419,8 +420,8 @@ contains
   !! of the coarse run. Their errors go like their highest terms, which differences of as high an
   !! order tell, of so many states a step; 1 where too few of them, or states that are renamed, tell
   !! nothing.
-  subroutine gains(maker, coarse, per_coarse, fine, per_fine, gain)
-    class(run_maker), intent(in) :: maker
+  subroutine gains(runs, coarse, per_coarse, fine, per_fine, gain)
+    type(piece_runs), intent(in) :: runs
     type(trajectory_type), intent(in) :: coarse, fine
     integer, intent(in) :: per_coarse, per_fine
     real(wp), allocatable, intent(out) :: gain(:, :)
@@ -428,7 +429,7 @@ contains
     real(wp) :: both, most, seen
     integer :: i, k
 
-    if (.not. maker%goes_inside() .or. maker%renames() .or. min(per_coarse, per_fine) < high &
+    if (.not. runs%goes_inside() .or. runs%renames() .or. min(per_coarse, per_fine) < high &
         .or. .not. coarse%of_high_degree) then
       allocate (gain(size(fine%states, 1), 1), source=1.0_wp)
       return
@@ -505,8 +506,8 @@ contains
   !> So many states of a run that stops that there is something to look at. Some of them are nearer
   !! to the stop than all that were compared: where a motion runs away errors grow with it, so
   !! they are compared with those of runs in shorter steps.
-  subroutine fill_to_stop(maker, job, n, run, search, status)
-    class(run_maker), intent(in) :: maker
+  subroutine fill_to_stop(runs, job, n, run, search, status)
+    type(piece_runs), intent(in) :: runs
     class(transient_job), intent(in) :: job
     integer(i8), intent(in) :: n
     type(trajectory_type), intent(in) :: run
@@ -524,15 +525,15 @@ contains
     end do
     if (parts == 1) return
     steps = max(search%factor, parts)
-    call maker%make(job, n, steps, parts, finer, status)
+    call runs%make(job, n, steps, parts, finer, status)
     do i = 1, halvings_at_stop
       if (status%failed()) return
       more = finer
       steps = 2*steps
-      call maker%make(job, n, steps, parts, finer, status)
+      call runs%make(job, n, steps, parts, finer, status)
       if (status%failed()) return
       if (finer%outcome /= run%outcome) return
-      call maker%align(more, finer)
+      call runs%align(more, finer)
       error = change_of(more, finer)
       if (error > job%allowed_at_stop(finer)) cycle
       search%change = max(search%change, error)
@@ -546,8 +547,8 @@ contains
   !! them: runs with half the step size may have the same error from a kink next to the end of a
   !! step. Errors decrease slowly there, so finer runs keep a large part of them with the same sign,
   !! which their difference shows.
-  subroutine estimate_error(maker, job, n, search, status)
-    class(run_maker), intent(in) :: maker
+  subroutine estimate_error(runs, job, n, search, status)
+    type(piece_runs), intent(in) :: runs
     class(transient_job), intent(in) :: job
     integer(i8), intent(in) :: n
     type(search_type), intent(out) :: search
@@ -556,23 +557,23 @@ contains
     type(differences_type) :: differences
     real(wp), allocatable :: grown(:)
 
-    call maker%make(job, n, 1, 1, search%run, status)
+    call runs%make(job, n, 1, 1, search%run, status)
     if (status%failed() .or. search%run%outcome == run_stopped) return
-    call maker%make(job, n, 2, 1, half, status)
+    call runs%make(job, n, 2, 1, half, status)
     if (status%failed()) return
-    call maker%align(half, search%run)
+    call runs%align(half, search%run)
     search%change = change_of(search%run, half)
     if (search%run%over_kinks) then
-      call maker%make(job, n, 3, 1, third, status)
+      call runs%make(job, n, 3, 1, third, status)
       if (status%failed()) return
-      call maker%align(third, search%run)
+      call runs%align(third, search%run)
       search%change = max(search%change, change_of(search%run, third))
       if (search%change < huge(1.0_wp)) search%change = search%change + change_of(half, third)
     end if
-    if (.not. maker%goes_in_parts()) then
+    if (.not. runs%goes_in_parts()) then
       search%grown = risen(search%run, half)
       if (.not. search%grown < huge(1.0_wp)) then
-        call grow(maker, job, n, 1, search%run, grown, status)
+        call grow(runs, job, n, 1, search%run, grown, status)
         if (status%failed()) return
         search%was_shaken = allocated(grown)
         search%grown = 0.0_wp
@@ -580,7 +581,7 @@ contains
       end if
       search%change = max(search%change, search%grown)
     end if
-    call find_differences(half, search%run, search%grown, .not. maker%renames(), differences)
+    call find_differences(half, search%run, search%grown, .not. runs%renames(), differences)
     call tell_error(search%run, half, search%change, differences, job%watched)
   end subroutine estimate_error
 

@@ -1,12 +1,11 @@
 !> A motion in time as one job: from a start at rest or not, to an end, with the
 !! step given or found.
 module viscovib_transient_job
-  use viscovib_constants, only: pi
-  use viscovib_driven_runs, only: driven_runs
-  use viscovib_driven_system, only: driven_system_type
   use viscovib_kinds, only: i8, wp
   use viscovib_limits, only: min_time_tolerance
-  use viscovib_run_maker, only: part_of_size, run_maker, transient_job
+  use viscovib_motion_piece, only: nothing
+  use viscovib_motion_request, only: part_of_size, transient_job
+  use viscovib_piece_runs, only: piece_runs, shared_type
   use viscovib_simulate, only: run_completed, run_event, run_names
   use viscovib_status, only: fail, set_ok, show, status_input_error, status_type
   use viscovib_step_search, only: find_step, max_numbers, max_steps, search_type, step_found, &
@@ -15,8 +14,8 @@ module viscovib_transient_job
   implicit none
   private
 
-  public :: driven_runs, transient_job, trajectory_type, run_maker
-  public :: run_transient, make_runs, first_steps, hopeless, max_steps
+  public :: transient_job, trajectory_type
+  public :: run_motion, first_steps, hopeless, max_steps
 
   !> Bound of states kept that stops a slip of the pen before it fills the memory.
   real(wp), parameter, public :: max_kept = 2.0e7_wp
@@ -38,51 +37,46 @@ contains
     end if
   end function first_steps
 
-  subroutine run_transient(job, system, fastest, trajectory, status, other, part)
-    class(transient_job), intent(in) :: job
-    class(driven_system_type), intent(in), target :: system
-    !> Fastest frequency of the system and its loads: four steps a period to begin with.
-    real(wp), intent(in) :: fastest
-    type(trajectory_type), intent(out) :: trajectory
-    type(status_type), intent(out) :: status
-    !> As of `driven_runs`.
-    class(driven_system_type), intent(in), target, optional :: other
-    real(wp), intent(in), optional :: part
-    type(driven_runs) :: maker
-
-    maker%system => system
-    if (present(other)) maker%other => other
-    if (present(part)) maker%part = part
-    call make_runs(maker, job, job%t_end*fastest/(0.5_wp*pi), trajectory, status)
-  end subroutine run_transient
-
-  !> One run with the step given, or runs in ever smaller steps until the tolerance is
-  !! met.
-  subroutine make_runs(maker, job, wanted, trajectory, status)
-    class(run_maker), intent(in) :: maker
-    class(transient_job), intent(in) :: job
+  !> One run with the step given, or runs in ever smaller steps until the tolerance is met.
+  subroutine run_motion(runs, job, wanted, trajectory, status)
+    !> With its equations, its tolerance, and how the past is kept.
+    type(piece_runs), intent(inout) :: runs
+    class(transient_job), intent(in), target :: job
     !> Steps to begin with where the step is to be found.
     real(wp), intent(in) :: wanted
     type(trajectory_type), intent(out) :: trajectory
     type(status_type), intent(out) :: status
+    type(shared_type), target :: shared
     type(search_type) :: search
     real(wp) :: n
+    integer :: i
 
+    runs%first%initial => job%initial
+    runs%first%times => nothing
+    runs%first%memory => nothing
+    runs%first%is_watched = allocated(job%watched)
+    if (runs%first%is_watched) runs%first%watched => job%watched
+    runs%t_end = job%t_end
+    runs%last_only = job%last_only
+    runs%looks = job%last_only .and. .not. job%dt > 0.0_wp
+    runs%rows = [(i, i=1, size(job%initial))]
     n = first_steps(job, min(wanted, 2.0_wp*max_steps))
     call check_work(job, n, status)
     if (status%failed()) return
+    runs%first%h = job%t_end/n
+    call runs%begin(shared)
     if (job%dt > 0.0_wp) then
-      call maker%make(job, int(n, i8), 1, 1, trajectory, status)
+      call runs%make(job, int(n, i8), 1, 1, trajectory, status)
       return
     end if
-    call find_step(maker, job, int(n, i8), search, status)
+    call find_step(runs, job, int(n, i8), search, status)
     if (status%failed()) return
     if (search%verdict == step_found) then
       trajectory = search%run
     else
       call explain(job, n, search, status)
     end if
-  end subroutine make_runs
+  end subroutine run_motion
 
   !> Why a search has found no step.
   subroutine explain(job, n, search, status)

@@ -14,6 +14,7 @@ module viscovib_fitted_memory
   use viscovib_hidden_memory, only: count_hidden, fades_by_exponentials
   use viscovib_kernel_holder, only: copy_kernels, kernel_holder
   use viscovib_kinds, only: wp
+  use viscovib_oscillator, only: oscillator_type
   use viscovib_polynomial, only: polynomial_type
   use viscovib_prony, only: prony_kernel
   use viscovib_status, only: show
@@ -41,7 +42,7 @@ contains
 
   !> Whether some kernel that acts is no sum of exponentials.
   pure logical function needs_fit(system)
-    type(polynomial_type), intent(in) :: system
+    class(oscillator_type), intent(in) :: system
     integer :: k
     needs_fit = .false.
     do k = 1, size(system%kernels)

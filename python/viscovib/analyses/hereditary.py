@@ -212,7 +212,6 @@ class MountRun(Run):
     """A run of a mount, or of whatever has a motion like one."""
 
     counts = "iterations"
-    inside = True
     remembers_past = True
     #: Reason of a run whose steps are too large, and the outcome it is then.
     too_large, coarse = _STEP_TOO_LARGE, _COARSE
@@ -379,7 +378,7 @@ class MountRun(Run):
         """The same of a run with memory."""
         mesh = self.mesh
         return {
-            "fitted": self.fitted, "holds_places": False,
+            "holds_places": False,
             "most_direct": _DIRECT_STEPS if self.motion.memory == "auto" else 0,
             "later": 0.0 if mesh is None else mesh.later,
         }  # fmt: skip

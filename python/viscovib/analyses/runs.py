@@ -26,7 +26,6 @@ from viscovib.errors import InputError
 from viscovib.results.trajectory import OUTCOMES, Trajectory
 from viscovib.systems.oscillators import Oscillator
 from viscovib.systems.pendulum import Pendulum
-from viscovib.systems.polynomial_system import PolynomialSystem
 
 MAX_STEPS = 10**12
 #: Numbers that a run keeps at most: 1 GiB.
@@ -226,12 +225,8 @@ class Run(ABC):
     by_phases: float = 0.0
     #: What the native calls count.
     counts: ClassVar[str]
-    #: True if states at given times come from the polynomials of steps, without separate steps.
-    inside: ClassVar[bool] = False
     #: Thin layers of forces that steps may miss; those of a search for the step share them.
     layers: ThinLayers = ThinLayers()
-    #: Whether what roundings grow to is found by a run whose numbers are other.
-    can_shake: ClassVar[bool] = True
     #: Whether a run without a memory of its own may go on under other loads from its state.
     remembers_past: ClassVar[bool] = False
     #: Whether equations and kernels are solved to a tolerance, which `sharpen` takes down.
@@ -475,23 +470,9 @@ class Run(ABC):
         """Which numbers of a state tell how exact a run is."""
         return np.arange(self.state.size)
 
-    @property
-    def keeps_energy(self) -> bool:
-        """Whether rounding errors of the energy accumulate: nonlinear without damping."""
-        system = self.system
-        if not isinstance(system, PolynomialSystem):
-            return False
-        if system._damping.any() or system._active_kernels:
-            return False
-        return any(group.forces for group in system.groups) and not any(
-            group.laws for group in system.groups
-        )
-
     def _search_values(self) -> dict[str, Any]:
         """What a search is given besides of this kind of run."""
-        return {
-            "fitted": bool(self.represented), "holds_places": False, "most_direct": 0, "later": 0.0
-        }  # fmt: skip
+        return {"holds_places": False, "most_direct": 0, "later": 0.0}
 
     def take_search(self, found: dict[str, Any]) -> None:
         """Remember what a search has met."""

@@ -7,9 +7,6 @@ and what it finds becomes a result, or a message that says why no step serves.
 from __future__ import annotations
 
 import copy
-from collections.abc import Iterator
-from contextlib import contextmanager
-from contextvars import ContextVar
 from dataclasses import replace
 from functools import partial
 from typing import Any
@@ -25,24 +22,9 @@ from viscovib.results.trajectory import OUTCOMES, Trajectory
 
 #: Verdicts of the core.
 _FOUND, _NOT_MET, _IN_LAYER, _GROWN, _TOO_MANY = range(5)
-#: The method whose polynomials have the degree that the core compares.
-_HIGH = "gauss8"
 #: First steps from which a search may take long.
 _FEW = 16
 _EPS = float(np.finfo(float).eps)
-
-#: Whether states inside steps are those at the ends of shorter ones.
-_ENDS_ALONE = ContextVar("ends_alone", default=False)
-
-
-@contextmanager
-def ends_alone() -> Iterator[None]:
-    """Keep states at ends of steps alone, as the standalone driver does, to the last bit."""
-    before = _ENDS_ALONE.set(True)
-    try:
-        yield
-    finally:
-        _ENDS_ALONE.reset(before)
 
 
 def by_tolerance(
@@ -97,10 +79,7 @@ def _search(
         "last_only": want.keep == "last", "tail": float(want.tail),
         "looks": asked.keep != "all" or asked.times is not None,
         "fills": accuracy is not None and want.no_choice,
-        "rows": run._judged + 1, "inside": run.inside and not _ENDS_ALONE.get(),
-        "of_high_degree": run.method == _HIGH, "keeps_energy": run.keeps_energy,
-        "over_kinks": run.over_kinks, "sharpens": run.sharpens, "can_shake": run.can_shake,
-        **run._search_values(),
+        "rows": run._judged + 1, **run._search_values(),
     }  # fmt: skip
     long = n > _FEW or run._takes_long(n)
     with counted_pieces(progress):

@@ -18,7 +18,6 @@ from viscovib.analyses.forced import forced_response
 from viscovib.analyses.periodic import trace_response
 from viscovib.analyses.signals import tell_aliases
 from viscovib.analyses.spectral import Spectrum, spectrum
-from viscovib.analyses.step_search import ends_alone
 from viscovib.analyses.transient import simulate
 from viscovib.common.counts import things
 from viscovib.common.plan import Plan, wanted_places
@@ -171,8 +170,7 @@ def run_one(scene: Scene, *, progress: bool = False) -> SceneResult:
     if "multiple_scales" in scene.groups:
         return SceneResult(scene, replace(scene._steady(), plan=planned))
     if "transient" in scene.groups:
-        with ends_alone():
-            found = simulate(**scene._motion(), progress=progress)
+        found = simulate(**scene._motion(), progress=progress)
         run = replace(found, _planned=partial(given_plan, planned))
         return SceneResult(scene, run, _spectrum(scene, run), _events(scene, run))
     if "backbone" in scene.groups:

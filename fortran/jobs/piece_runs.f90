@@ -1,30 +1,21 @@
 !> Runs of one motion, for the search of their step: each is a piece from the start to the end.
 module viscovib_piece_runs
+  use viscovib_counters, only: count_up, counted_runs, counting
   use viscovib_fitted_memory, only: shared_error
-  use viscovib_hereditary, only: begun, no_exponentials, step_too_large
+  use viscovib_hereditary, only: begun, no_exponentials, past_direct, step_too_large
   use viscovib_kinds, only: i8, wp
-  use viscovib_memory_pieces, only: run_structure, run_with_memory
   use viscovib_mesh, only: mesh_type, new_mesh
-  use viscovib_motion_piece, only: as_before, piece_type
-  use viscovib_oscillator, only: oscillator_type
-  use viscovib_pendulum_job, only: part_of_numbers
-  use viscovib_plain_pieces, only: run_pendulum, run_polynomial
-  use viscovib_run_maker, only: located_from, run_maker, transient_job
+  use viscovib_motion_piece, only: as_before, motion_equations, piece_type
+  use viscovib_motion_request, only: located_from, transient_job
   use viscovib_simulate, only: run_coarse, run_completed, run_diverged, run_event
   use viscovib_status, only: fail, set_ok, show, status_input_error, status_type
   use viscovib_stopping, only: begin_piece
-  use viscovib_task, only: task_type
-  use viscovib_trajectory, only: shaken, trajectory_type
+  use viscovib_trajectory, only: trajectory_type
   implicit none
   private
 
-  public :: piece_runs, new_piece_runs, run_piece, shared_type
+  public :: piece_runs, shared_type
 
-  !> Kinds of pieces.
-  integer, parameter, public :: of_pendulum = 1, without_memory = 2, with_memory = 3, &
-                                of_structure = 4
-  !> How the past is kept.
-  integer, parameter :: direct = 2
   !> Part of a step for which kernels are fitted where a run stops inside it.
   real(wp), parameter :: fine = 2.0_wp**(-14)
   !> Relative error to which equations are solved at best.
@@ -38,11 +29,10 @@ module viscovib_piece_runs
     real(wp) :: shortest = 0.0_wp
   end type shared_type
 
-  type, extends(run_maker) :: piece_runs
-    integer :: kind = 0
-    type(task_type), pointer :: task => null()
+  type :: piece_runs
+    class(motion_equations), pointer :: equations => null()
     type(shared_type), pointer :: shared => null()
-    !> The first run, in `n_steps` steps to `t_end`; where steps end, if they are not equal.
+    !> The first run to `t_end`; where steps end, if they are not equal.
     type(piece_type) :: first
     logical :: has_mesh = .false.
     type(mesh_type) :: mesh
@@ -51,17 +41,15 @@ module viscovib_piece_runs
     !! whether states on the way are looked at.
     logical :: at_times = .false., last_only = .false., looks = .false.
     real(wp) :: tail = 0.0_wp
-    !> Rows of states by which runs are compared; how states at times are given.
+    !> Rows of states by which runs are compared; whether shakes leave displacements as they are.
     integer, allocatable :: rows(:)
-    logical :: inside = .false., of_high_degree = .false.
-    !> Properties of the system and its method.
-    logical :: keeps_energy = .false., over_kinks = .false., sharpens = .false., fitted = .false., &
-               can_shake = .true., holds_places = .false.
+    logical :: holds_places = .false.
     !> Steps up to which all of the past may be kept where kernels are not sums of exponentials; the
     !! shortest step of a run that goes on, 0: there is none.
     integer(i8) :: most_direct = 0
     real(wp) :: later = 0.0_wp
   contains
+    procedure :: begin
     procedure :: make
     procedure :: make_shaken
     procedure :: align
@@ -86,64 +74,21 @@ module viscovib_piece_runs
 
 contains
 
-  !> Run a piece.
-  subroutine run_piece(task, kind, piece)
-    type(task_type), intent(inout) :: task
-    integer, intent(in) :: kind
-    type(piece_type), intent(inout) :: piece
-    select case (kind)
-    case (of_pendulum)
-      call run_pendulum(task, piece)
-    case (without_memory)
-      call run_polynomial(task, piece)
-    case (with_memory)
-      call run_with_memory(task, piece)
-    case default
-      call run_structure(task, piece)
-    end select
-  end subroutine run_piece
-
-  !> What a search is given besides what a piece is: `t_end_of_run`; `at_times`, `last_only`,
-  !! `looks`, `tail`; `rows` (m): those of states by which runs are compared; `inside`,
-  !! `of_high_degree`, `keeps_energy`, `over_kinks`, `sharpens`, `fitted`, `can_shake`,
-  !! `holds_places`, `most_direct`, `later`.
-  subroutine new_piece_runs(runs, task, kind, shared)
-    type(piece_runs), intent(out) :: runs
-    type(task_type), intent(inout), target :: task
-    integer, intent(in) :: kind
+  !> Get ready for the first run.
+  subroutine begin(self, shared)
+    class(piece_runs), intent(inout) :: self
     type(shared_type), intent(inout), target :: shared
+    self%shared => shared
+    call self%first%mesh(self%mesh)
+    self%has_mesh = self%mesh%is_broken()
+    shared%in_parts = self%first%in_parts
+    shared%longest = self%first%h
+    shared%past = self%first%past
+  end subroutine begin
 
-    runs%kind = kind
-    runs%task => task
-    runs%shared => shared
-    call runs%first%read(task)
-    runs%t_end = task%get_real('t_end_of_run')
-    runs%at_times = task%get_flag('at_times')
-    runs%last_only = task%get_flag('last_only')
-    runs%looks = task%get_flag('looks')
-    runs%tail = task%get_real('tail')
-    allocate (runs%rows, source=task%get_integers('rows'))
-    runs%inside = task%get_flag('inside')
-    runs%of_high_degree = task%get_flag('of_high_degree')
-    runs%keeps_energy = task%get_flag('keeps_energy')
-    runs%over_kinks = task%get_flag('over_kinks')
-    runs%sharpens = task%get_flag('sharpens')
-    runs%fitted = task%get_flag('fitted')
-    runs%can_shake = task%get_flag('can_shake')
-    runs%holds_places = task%get_flag('holds_places')
-    runs%most_direct = task%get_long('most_direct')
-    runs%later = task%get_real('later')
-    if (task%failed()) return
-    if (kind /= of_pendulum) then
-      call runs%first%mesh(task, runs%mesh)
-      runs%has_mesh = runs%mesh%is_broken()
-    end if
-    shared%in_parts = runs%first%in_parts
-    shared%longest = runs%first%h
-    shared%past = runs%first%past
-  end subroutine new_piece_runs
-
-  !> A run as of `run_maker`; on a mesh its steps are those of the mesh.
+  !> One run in n*factor steps, keeping `parts` states in each of n steps, of which there is one in
+  !! save_every; on a mesh its steps are those of the mesh. `parts` divides the factor, or where
+  !! a run `goes_inside` is a multiple of it.
   subroutine make(self, job, n, factor, parts, trajectory, status)
     class(piece_runs), intent(in) :: self
     class(transient_job), intent(in) :: job
@@ -154,6 +99,7 @@ contains
     type(course_type), target :: course
 
     call begin_piece()
+    if (counting) call count_up(counted_runs, 1)
     call set_ok(status)
     course%factor = factor
     course%steps = n*factor
@@ -171,8 +117,8 @@ contains
     do
       call run_once(self, job, n, parts, course, trajectory, status)
       if (status%failed()) return
-      if (self%kind == without_memory .or. .not. self%fitted) exit
-      if (self%shared%past == direct) exit
+      if (.not. (self%equations%collocated .and. self%equations%fitted)) exit
+      if (self%shared%past == past_direct) exit
       if (course%piece%ended /= run_diverged .and. course%piece%ended /= run_coarse) exit
       if (course%shortest > 0.0_wp .and. course%shortest <= fine*course%h) exit
       if (course%piece%ended == run_coarse .and. course%piece%gives_up) exit
@@ -231,7 +177,9 @@ contains
     end if
     if (.not. course%cut_off) then
       apart = max(job%save_every*(course%factor/parts), 1)
-      if (self%last_only .or. size(course%times) > 0) apart = between
+      if (self%last_only .or. size(course%times) > 0) then
+        apart = merge(between, course%steps + 1, self%looks)
+      end if
       call go(self, course, course%steps - course%piece%first, apart, status)
       if (status%failed()) return
       if (course%piece%ended == run_completed) course%piece%t_reached = self%t_end
@@ -269,7 +217,7 @@ contains
         piece%past = self%shared%past
         piece%in_parts = self%shared%in_parts
         piece%thin = course%h/max(self%shared%longest, course%h)
-        if (self%sharpens) then
+        if (self%equations%collocated) then
           piece%tolerance = max(self%first%tolerance/real(course%factor, wp)**3, rounding)
         end if
       end associate
@@ -278,8 +226,7 @@ contains
       ! Times are those of the last piece.
       if (course%piece%first + count < course%steps) course%piece%times => course%times(:0)
       call course%piece%make_room(int(count/apart))
-      call run_piece(self%task, self%kind, course%piece)
-      status = self%task%status
+      call self%equations%run(course%piece, status)
       if (status%failed()) return
       if (course%piece%reason == begun) exit
       if (course%piece%reason == step_too_large) then
@@ -292,12 +239,7 @@ contains
       if (status%failed()) return
       course%piece = self%first
     end do
-    if (self%kind /= without_memory) return
-    associate (kept => course%piece%kept)
-      if (size(kept) > 1) then
-        self%shared%in_parts = self%shared%in_parts .or. kept(size(kept) - 1) > 0.5_wp
-      end if
-    end associate
+    self%shared%in_parts = self%shared%in_parts .or. course%piece%in_parts
   end subroutine go
 
   !> Keep all of the past where kernels are no sums of exponentials, or say why it cannot be kept.
@@ -319,7 +261,7 @@ contains
                 //'more than '//show(int(self%most_direct))//'; use memory="direct", or fit the ' &
                 //'kernel by sum_of_exponentials')
     else
-      self%shared%past = direct
+      self%shared%past = past_direct
     end if
   end subroutine turn_direct
 
@@ -412,21 +354,22 @@ contains
       if (allocated(piece%kept)) call move_alloc(piece%kept, trajectory%memory)
       if (allocated(piece%watch)) call move_alloc(piece%watch, trajectory%watch)
     end associate
-    trajectory%over_kinks = self%over_kinks
-    trajectory%keeps_energy = self%keeps_energy
-    trajectory%of_high_degree = self%of_high_degree
-    if (self%kind == without_memory .and. self%fitted) trajectory%represented = shared_error
+    associate (equations => self%equations)
+      trajectory%keeps_energy = equations%keeps_energy
+      trajectory%over_kinks = equations%over_kinks
+      trajectory%of_high_degree = equations%of_high_degree
+      if (equations%fitted .and. .not. equations%collocated) trajectory%represented = shared_error
+    end associate
   end subroutine take
 
   !> The start, other by `shaken`.
   subroutine shake(self, start)
     class(piece_runs), intent(in) :: self
     real(wp), intent(inout) :: start(:)
-    real(wp) :: part
-    part = shaken
-    if (self%kind == of_pendulum) part = part_of_numbers
-    if (.not. self%holds_places) start(1::2) = start(1::2)*(1.0_wp + self%first%sign*part)
-    start(2::2) = start(2::2)*(1.0_wp + self%first%sign*part)
+    real(wp) :: times
+    times = 1.0_wp + self%first%sign*self%equations%change
+    if (.not. self%holds_places) start(1::2) = times*start(1::2)
+    start(2::2) = times*start(2::2)
   end subroutine shake
 
   subroutine make_shaken(self, job, n, factor, sign, trajectory, status)
@@ -438,7 +381,7 @@ contains
     type(status_type), intent(out) :: status
     type(piece_runs) :: other
     call set_ok(status)
-    if (self%shared%in_parts .or. .not. self%can_shake) return
+    if (self%shared%in_parts) return
     select type (self)
     type is (piece_runs)
       other = self
@@ -450,28 +393,22 @@ contains
   !> Whether the states of a body that turns far have an equivalent form.
   logical function renames(self)
     class(piece_runs), intent(in) :: self
-    class(oscillator_type), pointer :: system
-    renames = .false.
-    if (self%kind == of_pendulum .or. self%kind == of_structure) return
-    system => self%task%system()
-    renames = system%moving
+    renames = associated(self%equations%turning)
   end function renames
 
   !> Of bodies with large rotations the equivalent rotation vector that is nearer.
   subroutine align(self, run, like)
     class(piece_runs), intent(in) :: self
     type(trajectory_type), intent(inout) :: run, like
-    class(oscillator_type), pointer :: system
     real(wp) :: u(size(run%states, 1)/2), v(size(run%states, 1)/2)
     logical :: renamed
     integer :: i
 
     if (.not. self%renames()) return
-    system => self%task%system()
     do i = 1, min(size(run%states, 2), size(like%states, 2))
       u = run%states(1::2, i)
       v = run%states(2::2, i)
-      call system%rename_state(u, v, renamed, like%states(1::2, i))
+      call self%equations%turning%rename_state(u, v, renamed, like%states(1::2, i))
       if (.not. renamed) cycle
       run%states(1::2, i) = u
       run%states(2::2, i) = v
@@ -480,12 +417,12 @@ contains
 
   logical function goes_inside(self)
     class(piece_runs), intent(in) :: self
-    goes_inside = self%inside
+    goes_inside = self%equations%collocated
   end function goes_inside
 
   logical function keeps_all(self)
     class(piece_runs), intent(in) :: self
-    keeps_all = self%shared%past == direct
+    keeps_all = self%shared%past == past_direct
   end function keeps_all
 
   logical function goes_in_parts(self)

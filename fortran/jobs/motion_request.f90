@@ -1,12 +1,11 @@
-!> What a motion in time is asked for, and what makes runs of one motion in any steps.
-module viscovib_run_maker
+!> What a motion in time is asked for.
+module viscovib_motion_request
   use viscovib_kinds, only: i8, wp
-  use viscovib_status, only: set_ok, status_type
   use viscovib_trajectory, only: trajectory_type
   implicit none
   private
 
-  public :: run_maker, transient_job
+  public :: transient_job
 
   real(wp), parameter :: rounding = 1.0e-15_wp
   !> Looks on the way to a last state, first steps between two.
@@ -45,84 +44,11 @@ module viscovib_run_maker
     procedure :: by_size
     procedure :: wanted
     procedure :: allowed_at_stop
-    procedure :: steps_apart
     procedure, nopass :: steps_between_looks
     procedure :: solved
   end type transient_job
 
-  !> What makes runs of one motion, with any number of steps.
-  type, abstract :: run_maker
-  contains
-    procedure(make_interface), deferred :: make
-    procedure :: make_shaken
-    procedure :: align
-    procedure :: renames
-    procedure :: goes_inside
-    procedure :: keeps_all
-    procedure :: goes_in_parts
-  end type run_maker
-
-  abstract interface
-
-    !> One run in n*factor steps, keeping `parts` states in each of n steps, of which there is one
-    !! in save_every. `parts` divides the factor, or where a run `goes_inside` is a multiple of it.
-    subroutine make_interface(self, job, n, factor, parts, trajectory, status)
-      import :: i8, run_maker, status_type, trajectory_type, transient_job
-      class(run_maker), intent(in) :: self
-      class(transient_job), intent(in) :: job
-      integer(i8), intent(in) :: n
-      integer, intent(in) :: factor, parts
-      type(trajectory_type), intent(out) :: trajectory
-      type(status_type), intent(out) :: status
-    end subroutine make_interface
-
-  end interface
-
 contains
-
-  !> The same run of a system of which numbers and arguments of forces are other by `shaken`, and
-  !! the start by so much of this sign; no states: there is no such run.
-  subroutine make_shaken(self, job, n, factor, sign, trajectory, status)
-    class(run_maker), intent(in) :: self
-    class(transient_job), intent(in) :: job
-    integer(i8), intent(in) :: n
-    integer, intent(in) :: factor, sign
-    type(trajectory_type), intent(out) :: trajectory
-    type(status_type), intent(out) :: status
-    call set_ok(status)
-    if (same_type_as(self, self) .and. size(job%initial) > n*factor*sign) return
-  end subroutine make_shaken
-
-  !> Whether states between ends of steps come from the polynomials of steps.
-  logical function goes_inside(self)
-    class(run_maker), intent(in) :: self
-    goes_inside = .false. .and. same_type_as(self, self)
-  end function goes_inside
-
-  !> Whether each step costs more than the one before, as all of the past is kept.
-  logical function keeps_all(self)
-    class(run_maker), intent(in) :: self
-    keeps_all = .false. .and. same_type_as(self, self)
-  end function keeps_all
-
-  !> Whether steps are made in parts that see thin layers of laws.
-  logical function goes_in_parts(self)
-    class(run_maker), intent(in) :: self
-    goes_in_parts = .false. .and. same_type_as(self, self)
-  end function goes_in_parts
-
-  !> True if states have an equivalent form, as for bodies with large rotations.
-  logical function renames(self)
-    class(run_maker), intent(in) :: self
-    renames = .false. .and. same_type_as(self, self)
-  end function renames
-
-  !> Tell states of a run by numbers that can be compared to those of another.
-  subroutine align(self, run, like)
-    class(run_maker), intent(in) :: self
-    type(trajectory_type), intent(inout) :: run, like
-    if (same_type_as(self, self) .and. size(run%t) == size(like%t)) return
-  end subroutine align
 
   !> Largest error allowed of a motion that stops: absolute of 1 or of a state that runs away.
   pure real(wp) function allowed_at_stop(self, run) result(allowed)
@@ -165,19 +91,8 @@ contains
     allowed = self%tolerance + self%relative*max(allowed, 1.0e-6_wp*maxval(allowed))
   end function allowed
 
-  !> Steps between states that are kept of n*factor steps, or looked at on the way to the last of
-  !! two runs.
-  pure integer(i8) function steps_apart(self, n, factor, parts)
-    class(transient_job), intent(in) :: self
-    integer(i8), intent(in) :: n
-    integer, intent(in) :: factor, parts
-    steps_apart = max(self%save_every*(factor/parts), 1)
-    if (.not. self%last_only) return
-    steps_apart = self%steps_between_looks(n)*factor
-    if (self%dt > 0.0_wp) steps_apart = n*factor + 1
-  end function steps_apart
-
-  !> Of n steps; odd: four of the first steps may be a period.
+  !> Steps between states that are looked at on the way to the last of two runs; odd: four of the
+  !! first steps may be a period.
   pure integer(i8) function steps_between_looks(n) result(between)
     integer(i8), intent(in) :: n
     between = ior(max(min(least_between, n/4), n/most_looks), 1_i8)
@@ -191,4 +106,4 @@ contains
     if (self%dt > 0.0_wp) solved = max(0.1_wp*self%tolerance, rounding)
   end function solved
 
-end module viscovib_run_maker
+end module viscovib_motion_request

@@ -1,0 +1,364 @@
+!> What tasks about motions in time are given, and what they return.
+module viscovib_motion_inputs
+  use viscovib_binding_tools, only: make_load
+  use viscovib_kinds, only: i8, wp
+  use viscovib_load, only: load_type
+  use viscovib_memory_pieces, only: make_base, oscillator_equations, structure_equations
+  use viscovib_motion_piece, only: motion_equations, nothing, piece_type
+  use viscovib_oscillator, only: oscillator_type
+  use viscovib_plain_pieces, only: part_of_numbers, pendulum_equations, polynomial_equations
+  use viscovib_polynomial, only: polynomial_type
+  use viscovib_status, only: fail, status_input_error
+  use viscovib_task, only: task_type
+  use viscovib_watch, only: n_told
+  implicit none
+  private
+
+  public :: load_of, polynomial_of, put_piece, read_equations, read_piece
+
+  !> Kinds of equations.
+  integer, parameter, public :: of_pendulum = 1, without_memory = 2, with_memory = 3, &
+                                of_structure = 4
+  !> Columns of what a watch gathers: peaks, integrals of values and of squares.
+  integer, parameter :: n_gathered = 3
+
+contains
+
+  !> What every piece is given: `initial` (m), `first`, `n_steps`, `save_every`, `resume`, `h`,
+  !! `tolerance`, `times` (n); with resume > 0 `memory`; with events `watched` and `sides`; where
+  !! steps end, as of `new_mesh`, `ends` and `made_by`. Some pieces have `in_parts`, `thin`, `past`
+  !! (1: exponentials, 2: step by step), `shortest` (steps after corners of the load, and with
+  !! `kinks` of the base, are not shorter; 0: there are none).
+  subroutine read_piece(task, piece)
+    type(task_type), intent(inout) :: task
+    type(piece_type), intent(out) :: piece
+
+    piece%initial => task%get_reals('initial')
+    piece%first = task%get_long('first')
+    piece%n_steps = task%get_long('n_steps')
+    piece%save_every = task%get_long('save_every')
+    piece%resume = task%get_integer('resume')
+    piece%h = task%get_real('h')
+    piece%tolerance = task%get_real('tolerance')
+    piece%times => task%get_reals('times')
+    piece%memory => nothing
+    if (task%has('memory')) piece%memory => task%get_reals('memory')
+    if (task%has('ends')) then
+      allocate (piece%ends, source=task%get_reals('ends'))
+      allocate (piece%made_by, source=task%get_longs('made_by'))
+    end if
+    piece%in_parts = task%get_flag('in_parts', .false.)
+    piece%thin = task%get_real('thin', 1.0_wp)
+    piece%past = task%get_integer('past', 0)
+    piece%shortest = task%get_real('shortest', 0.0_wp)
+    piece%kinks = task%get_flag('kinks', .false.)
+    piece%is_watched = task%has('watched')
+    if (.not. piece%is_watched) return
+    piece%watched => task%get_reals('watched')
+    allocate (piece%sides, source=task%get_integers('sides'))
+  end subroutine read_piece
+
+  !> What a piece has found; with events `most` passages at most.
+  subroutine put_piece(task, piece)
+    type(task_type), intent(inout) :: task
+    type(piece_type), intent(inout) :: piece
+    real(wp), allocatable :: found(:, :)
+    integer :: n, n_found
+
+    if (task%failed()) return
+    call task%found%put_reals('states', piece%states, shape(piece%states))
+    call task%found%put_reals('at_times', piece%at_times, shape(piece%at_times))
+    call task%found%put_reals('last', piece%last, shape(piece%last))
+    if (.not. allocated(piece%kept)) allocate (piece%kept(0))
+    call task%found%put_reals('memory', piece%kept, shape(piece%kept))
+    call task%found%put_integer('made', piece%n_done)
+    call task%found%put_integer('n_reached', int(piece%n_reached, i8))
+    call task%found%put_real('reached', piece%t_reached)
+    call task%found%put_integer('ended', int(piece%ended, i8))
+    call task%found%put_integer('counted', piece%counted)
+    call task%found%put_integer('reason', int(piece%reason, i8))
+    call task%found%put_real('resolution', piece%resolution)
+    call task%found%put_real('too_long', piece%too_long)
+    if (.not. allocated(piece%phased)) allocate (piece%phased(0))
+    call task%found%put_reals('phased', piece%phased, shape(piece%phased))
+    if (.not. piece%is_watched) return
+    allocate (found(n_told + 3*(size(piece%initial)/2), task%get_integer('most')), source=0.0_wp)
+    n_found = 0
+    if (allocated(piece%watch)) call piece%watch%hand_over(piece%sides, found, n_found)
+    ! Behind the passages stands what was gathered along the motion.
+    n = min(n_found + n_gathered, size(found, 2))
+    call task%found%put_reals('found', found(:, :n), [size(found, 1), n])
+    call task%found%put_integer('n_found', int(n_found, i8))
+    call task%found%put_integers('sides', piece%sides, shape(piece%sides))
+  end subroutine put_piece
+
+  !> The equations of a piece.
+  subroutine read_equations(task, kind, piece, equations)
+    type(task_type), intent(inout) :: task
+    integer, intent(in) :: kind
+    type(piece_type), intent(in) :: piece
+    class(motion_equations), allocatable, intent(out) :: equations
+    select case (kind)
+    case (of_pendulum)
+      call read_pendulum(task, piece, equations)
+    case (without_memory)
+      call read_polynomial(task, piece, equations)
+    case (with_memory)
+      call read_oscillator(task, piece, equations)
+    case default
+      call read_structure(task, piece, equations)
+    end select
+  end subroutine read_equations
+
+  !> `method`: its place in `transient_methods`; `swings`: false: of the spring alone.
+  subroutine read_pendulum(task, piece, equations)
+    type(task_type), intent(inout) :: task
+    type(piece_type), intent(in) :: piece
+    class(motion_equations), allocatable, intent(out) :: equations
+    type(pendulum_equations), allocatable :: own
+    allocate (own)
+    own%system => task%pendulum()
+    own%method = task%get_integer('method')
+    own%swings = task%get_flag('swings')
+    own%change = part_of_numbers
+    call task%check_extents('initial', shape(piece%initial), [6])
+    call move_alloc(own, equations)
+  end subroutine read_pendulum
+
+  !> The load as `orders` (k) and `series` (n + 1, k) of `make_load`, its frequency `nu`; `method`,
+  !! `reach`, `moves` (n) and what else `polynomial_equations` has, by these names.
+  subroutine read_polynomial(task, piece, equations)
+    type(task_type), intent(inout) :: task
+    type(piece_type), intent(in) :: piece
+    class(motion_equations), allocatable, intent(out) :: equations
+    type(polynomial_equations), allocatable :: own
+    integer :: n
+
+    allocate (own)
+    own%system => polynomial_of(task)
+    if (task%failed()) return
+    n = own%system%n_dof()
+    call load_of(task, n, own%load)
+    own%method = task%get_integer('method')
+    own%nu = task%get_real('nu')
+    own%reach = task%get_real('reach')
+    allocate (own%moves, source=task%get_integers('moves') /= 0)
+    own%held => task%get_reals('held')
+    own%before => task%get_reals('before')
+    own%moved => task%get_matrix('moved')
+    own%breaks => task%get_reals('breaks')
+    own%pieces => task%get_cube('pieces')
+    own%base_breaks => task%get_reals('base_breaks')
+    own%base_pieces => task%get_cube('base_pieces')
+    call task%check_extents('initial', shape(piece%initial), [2*n])
+    call task%check_extents('moves', shape(own%moves), [n])
+    call task%check_extents('held', shape(own%held), [n])
+    call task%check_extents('moved', shape(own%moved), [n, size(own%before)])
+    call task%check_extents('pieces', shape(own%pieces), [size(own%pieces, 1), 4, size(own%breaks)])
+    call task%check_extents('base_pieces', shape(own%base_pieces), &
+                            [4, size(own%base_pieces, 2), size(own%base_breaks)])
+    if (task%failed()) return
+    call own%look_at(own%system)
+    call move_alloc(own, equations)
+  end subroutine read_polynomial
+
+  !> What `oscillator_equations` has, by these names; `moves` (n): see 'moving coordinates'.
+  subroutine read_oscillator(task, piece, equations)
+    type(task_type), intent(inout) :: task
+    type(piece_type), intent(in) :: piece
+    class(motion_equations), allocatable, intent(out) :: equations
+    type(oscillator_equations), allocatable :: own
+    integer :: n, w
+
+    allocate (own)
+    own%system => task%system()
+    if (task%failed()) return
+    n = own%system%n_dof()
+    call own%set_nodes(task%get_integer('nodes'))
+    own%t_end = task%get_real('t_end')
+    allocate (own%moves, source=task%get_integers('moves') /= 0)
+    own%held => task%get_reals('held')
+    own%before => task%get_reals('before')
+    own%moved => task%get_matrix('moved')
+    own%frequencies => task%get_reals('frequencies')
+    own%amplitudes => task%get_complex_matrix('amplitudes')
+    own%breaks => task%get_reals('breaks')
+    own%pieces => task%get_cube('pieces')
+    own%waves => task%get_complex_matrix('waves')
+    own%base_breaks => task%get_reals('base_breaks')
+    own%base_pieces => task%get_cube('base_pieces')
+    w = size(own%waves, 1)
+    call task%check_extents('initial', shape(piece%initial), [2*n])
+    call task%check_extents('moves', shape(own%moves), [n])
+    call task%check_extents('held', shape(own%held), [n])
+    call task%check_extents('moved', shape(own%moved), [n, size(own%before)])
+    call task%check_extents('amplitudes', shape(own%amplitudes), [n, size(own%frequencies)])
+    call task%check_extents('pieces', shape(own%pieces), [n, 4, size(own%breaks)])
+    call task%check_extents('waves', shape(own%waves), [merge(n, 1, w > 1), size(own%frequencies)])
+    call task%check_extents('base_pieces', shape(own%base_pieces), [4, w, size(own%base_breaks)])
+    if (task%failed()) return
+    call own%look_at(own%system)
+    call move_alloc(own, equations)
+  end subroutine read_oscillator
+
+  !> What `structure_equations` has: the linear rest by `squares`, `rates` (n), `seen` and `pushed`
+  !! (n, s); the load Im sum_k `waves`(:, k) exp(i `frequencies`(k) t) on the modes, and columns of
+  !! the cubics `pieces` (c, 4, b) between `breaks` (b = 1: none), which push them by `patterns`
+  !! (n, c). A base moves what is kept by `direction` (m), and the modes by `inner` (n), itself by
+  !! `base_waves` (k) and `base_pieces` (4, c) between `base_breaks` (c = 1: none). The start is
+  !! `start`, `start_rates` and `start_others`. What has no real modes, as `viscovib_pole_maps`
+  !! takes it, are `poles` (p), of conjugates one each, the last `n_at_once` of them follow their
+  !! forces at once; `left` (p, s), `right` (p, s + c), `shown_left` (p, m), `sine` and `cosine` (p,
+  !! k); `by_base` (p, 2): by a jump of the base, and of its velocity.
+  subroutine read_structure(task, piece, equations)
+    type(task_type), intent(inout) :: task
+    type(piece_type), intent(in) :: piece
+    class(motion_equations), allocatable, intent(out) :: equations
+    type(structure_equations), allocatable :: own
+    real(wp), pointer, contiguous :: start(:), start_rates(:), kick(:)
+    complex(wp), pointer, contiguous :: shown_left(:, :), start_others(:)
+    integer :: n, used
+
+    allocate (own)
+    own%system => polynomial_of(task)
+    allocate (own%shown, source=task%get_matrix('shown'))
+    n = size(own%shown, 2)
+    call task%check_extents('initial', shape(piece%initial), [2*n])
+    shown_left => task%get_complex_matrix('shown_left')
+    own%held => task%get_reals('held')
+    own%before => task%get_reals('before')
+    own%moved => task%get_matrix('moved')
+    start => task%get_reals('start')
+    start_rates => task%get_reals('start_rates')
+    start_others => task%get_complexes('start_others')
+    kick => task%get_reals('kick')
+    call own%set_nodes(task%get_integer('nodes'))
+    own%t_end = task%get_real('t_end')
+    call read_sections(task, n, own)
+    call task%check_extents('kick', shape(kick), [2])
+    call task%check_extents('start', shape(start), shape(own%sections%squares))
+    call task%check_extents('start_rates', shape(start_rates), shape(own%sections%squares))
+    if (task%failed()) return
+    own%kick = kick
+    used = size(own%sections%others%poles)
+    allocate (own%shown_left, source=shown_left(:used, :))
+    allocate (own%q, source=[start, real(start_others(:used))])
+    allocate (own%v, source=[start_rates, aimag(start_others(:used))])
+    own%damps_modes = .true.
+    call own%look_at(own%system)
+    call move_alloc(own, equations)
+  end subroutine read_structure
+
+  !> The linear rest of a structure, and what acts on it.
+  subroutine read_sections(task, n_shown, own)
+    type(task_type), intent(inout) :: task
+    integer, intent(in) :: n_shown
+    type(structure_equations), intent(inout) :: own
+    real(wp), pointer, contiguous :: frequencies(:), pushed(:, :), patterns(:, :), breaks(:), &
+                                     pieces(:, :, :), direction(:), base_breaks(:), &
+                                     base_pieces(:, :)
+    complex(wp), pointer, contiguous :: waves(:, :), poles(:), left(:, :), right(:, :), &
+                                        sine(:, :), cosine(:, :), by_base(:, :), base_waves(:)
+    integer, allocatable :: some(:)
+    integer :: columns, k, n, q, used
+
+    associate (sections => own%sections)
+      allocate (sections%squares, source=task%get_reals('squares'))
+      allocate (sections%rates, source=task%get_reals('rates'))
+      allocate (sections%seen, source=task%get_matrix('seen'))
+      allocate (sections%inner, source=task%get_reals('inner'))
+      pushed => task%get_matrix('pushed')
+      patterns => task%get_matrix('patterns')
+      frequencies => task%get_reals('frequencies')
+      waves => task%get_complex_matrix('waves')
+      breaks => task%get_reals('breaks')
+      pieces => task%get_cube('pieces')
+      poles => task%get_complexes('poles')
+      left => task%get_complex_matrix('left')
+      right => task%get_complex_matrix('right')
+      sine => task%get_complex_matrix('sine')
+      cosine => task%get_complex_matrix('cosine')
+      by_base => task%get_complex_matrix('by_base')
+      direction => task%get_reals('direction')
+      base_waves => task%get_complexes('base_waves')
+      base_breaks => task%get_reals('base_breaks')
+      base_pieces => task%get_matrix('base_pieces')
+      n = size(sections%squares)
+      q = size(pushed, 2)
+      columns = merge(size(patterns, 2), 0, size(breaks) > 1)
+      call task%check_extents('rates', shape(sections%rates), [n])
+      call task%check_extents('seen', shape(sections%seen), [n, q])
+      call task%check_extents('pushed', shape(pushed), [n])
+      call task%check_extents('patterns', shape(patterns), [n])
+      call task%check_extents('waves', shape(waves), [n, size(frequencies)])
+      call task%check_extents('pieces', shape(pieces), [size(pieces, 1), 4, size(breaks)])
+      call task%check_extents('left', shape(left), [size(poles), q])
+      call task%check_extents('right', shape(right), [size(poles)])
+      call task%check_extents('sine', shape(sine), [size(poles), size(frequencies)])
+      call task%check_extents('cosine', shape(cosine), [size(poles), size(frequencies)])
+      call task%check_extents('by_base', shape(by_base), [size(poles), 2])
+      call task%check_extents('direction', shape(direction), [n_shown])
+      call task%check_extents('base_pieces', shape(base_pieces), [4, size(base_breaks)])
+      if (task%failed()) return
+      allocate (sections%pushed(n, q + columns))
+      sections%pushed(:, :q) = pushed
+      sections%pushed(:, q + 1:) = patterns(:, :columns)
+      some = pack([(k, k=1, size(frequencies))], [(any(abs(waves(:, k)) > 0.0_wp) &
+                                                   .or. any(abs(sine(:, k)) > 0.0_wp) &
+                                                   .or. any(abs(cosine(:, k)) > 0.0_wp), &
+                                                   k=1, size(frequencies))])
+      sections%frequencies = frequencies(some)
+      sections%waves = waves(:, some)
+      associate (others => sections%others)
+        others%n_at_once = task%get_integer('n_at_once')
+        used = size(poles)
+        ! A single pole of 0 stands for none.
+        if (used == 1 .and. others%n_at_once == 0) used = count(abs(poles) > 0.0_wp)
+        others%poles = poles(:used)
+        others%left = left(:used, :)
+        others%right = right(:used, :q + columns)
+        others%sine = sine(:used, some)
+        others%cosine = cosine(:used, some)
+        others%by_base = by_base(:used, 1)
+        others%by_base_rate = by_base(:used, 2)
+      end associate
+    end associate
+    allocate (own%load%frequencies(0), own%load%amplitudes(columns, 0))
+    own%load%breaks = breaks
+    own%load%pieces = pieces(:columns, :, :)
+    if (size(base_breaks) == 1 .and. .not. any(abs(base_waves) > 0.0_wp)) return
+    call make_base(own%base, direction, frequencies, spread(base_waves, 1, 1), base_breaks, &
+                   spread(base_pieces, 2, 1))
+  end subroutine read_sections
+
+  !> The polynomial system of a task; a failure if its system is another one.
+  function polynomial_of(task) result(it)
+    type(task_type), intent(inout) :: task
+    type(polynomial_type), pointer :: it
+    class(oscillator_type), pointer :: system
+    nullify (it)
+    system => task%system()
+    if (task%failed()) return
+    select type (system)
+    type is (polynomial_type)
+      it => system
+    class default
+      call fail(task%status, status_input_error, 'system', task%kind//': needs a polynomial system')
+    end select
+  end function polynomial_of
+
+  !> The periodic load of a task, `orders` (k) and `series` (n + 1, k).
+  subroutine load_of(task, n_dof, load)
+    type(task_type), intent(inout) :: task
+    integer, intent(in) :: n_dof
+    type(load_type), intent(out) :: load
+    complex(wp), pointer, contiguous :: series(:, :)
+    integer, allocatable :: orders(:)
+    allocate (orders, source=task%get_integers('orders'))
+    series => task%get_complex_matrix('series')
+    call task%check_extents('series', shape(series), [n_dof + 1, size(orders)])
+    if (task%failed()) return
+    call make_load(load, orders, series, task%status)
+  end subroutine load_of
+
+end module viscovib_motion_inputs

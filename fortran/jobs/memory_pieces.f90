@@ -1,0 +1,304 @@
+!> Equations of motion with memory, of oscillators and of structures by their modes.
+module viscovib_memory_pieces
+  use viscovib_base_motion, only: base_motion_type
+  use viscovib_hereditary, only: begun, hereditary_type, new_hereditary, step_too_large
+  use viscovib_hereditary_run, only: run_hereditary
+  use viscovib_kinds, only: wp
+  use viscovib_law_layers, only: unseen_by_node
+  use viscovib_mesh, only: mesh_type
+  use viscovib_modal_maps, only: sections_type
+  use viscovib_motion_piece, only: check_memory, from_start, memory_under_other_loads, &
+    motion_equations, piece_type, under_other_loads
+  use viscovib_oscillator, only: oscillator_type
+  use viscovib_polynomial, only: polynomial_type
+  use viscovib_reduction, only: reduce, state_mask
+  use viscovib_status, only: set_ok, status_type
+  use viscovib_structure_march, only: new_structure_march, structure_march_type
+  use viscovib_time_load, only: time_load_type
+  use viscovib_trajectory, only: shaken
+  implicit none
+  private
+
+  public :: make_base, memory_equations, oscillator_equations, structure_equations
+
+  !> What both have.
+  type, abstract, extends(motion_equations) :: memory_equations
+    !> Nodes a step; the end of any run that goes on.
+    integer :: nodes = 8
+    real(wp) :: t_end = 0.0_wp
+    !> The displacement for all t < 0 (n), or before the first of the times `before` (m) with
+    !! displacements `moved` (n, m), ascending to 0; of structures of what their elements see.
+    real(wp), pointer, contiguous :: held(:), before(:), moved(:, :)
+  contains
+    procedure :: set_nodes
+  end type memory_equations
+
+  !> Those of an oscillator, its past kept as exponentials or step by step.
+  type, extends(memory_equations) :: oscillator_equations
+    class(oscillator_type), pointer :: system => null()
+    !> Coordinates that anything moves; the others stay 0.
+    logical, allocatable :: moves(:)
+    !> The load Im sum_k amplitudes(:, k) exp(i frequencies(k) t), shape (n, k), and its cubics
+    !! `pieces` (n, 4, b) between `breaks` (b); the base by `waves` (w, k), w = 1: along the
+    !! direction of the system, and by the cubics `base_pieces` (4, w, c) between `base_breaks`
+    !! (c = 1: none), its acceleration being in the load already.
+    real(wp), pointer, contiguous :: frequencies(:), breaks(:), pieces(:, :, :), base_breaks(:), &
+                                     base_pieces(:, :, :)
+    complex(wp), pointer, contiguous :: amplitudes(:, :), waves(:, :)
+  contains
+    procedure :: run => run_oscillator
+  end type oscillator_equations
+
+  !> Those of a structure, whose state are modes.
+  !!
+  !! The linear rest are sections q'' + rates q' + squares q = pushes, its elements a polynomial
+  !! system in the deflections seen^T q. Kept are coordinates `shown`^T q and their velocities, of a
+  !! body whose base moves them by the direction of `base`. The start, `q` and `v`, is relative to
+  !! the base; of what has no real modes, shown by `shown_left`, they hold real and imaginary parts.
+  !! Under other loads the base jumps back by `kick`, its displacement and its velocity.
+  type, extends(memory_equations) :: structure_equations
+    type(polynomial_type), pointer :: system => null()
+    type(sections_type) :: sections
+    type(time_load_type) :: load
+    type(base_motion_type) :: base
+    real(wp), allocatable :: shown(:, :), q(:), v(:)
+    complex(wp), allocatable :: shown_left(:, :)
+    real(wp) :: kick(2) = 0.0_wp
+  contains
+    procedure :: run => run_structure
+  end type structure_equations
+
+contains
+
+  !> Nodes a step.
+  pure subroutine set_nodes(self, nodes)
+    class(memory_equations), intent(inout) :: self
+    integer, intent(in) :: nodes
+    self%nodes = nodes
+    self%collocated = .true.
+    self%of_high_degree = nodes == 8
+  end subroutine set_nodes
+
+  !> A piece of a run of an oscillator. `reason` (not 0: no run, see `viscovib_hereditary`);
+  !! `resolution`: largest last Legendre coefficient of a displacement on a step, relative to its
+  !! largest value; `too_long`: how many times as long steps are as those whose nodes see every thin
+  !! layer of a law.
+  subroutine run_oscillator(self, piece, status)
+    class(oscillator_equations), intent(in) :: self
+    type(piece_type), intent(inout) :: piece
+    type(status_type), intent(out) :: status
+    class(oscillator_type), pointer :: system
+    type(polynomial_type), target :: reduced
+    class(oscillator_type), allocatable, target :: other
+    type(hereditary_type) :: run
+    type(time_load_type) :: load
+    type(base_motion_type) :: base
+    type(mesh_type) :: mesh
+    real(wp), allocatable :: states(:, :), at_times(:, :), u(:), v(:), shortest
+    integer, allocatable :: dofs(:), rows(:)
+    logical, allocatable :: moves(:), kinks
+    real(wp) :: too_long
+    integer :: i, n, part
+    logical :: made
+
+    call set_ok(status)
+    system => self%system
+    n = system%n_dof()
+    moves = self%moves .or. piece%is_watched
+    dofs = pack([(i, i=1, n)], moves)
+    rows = pack([(i, i=1, 2*n)], state_mask(moves))
+    if (piece%sign /= 0) then
+      ! With the start forces have other arguments, u/(1 + s), and other values, by 1 + 2 s.
+      allocate (other, source=system)
+      call other%weigh(1.0_wp - 2.0_wp*shaken)
+      system => other
+    end if
+    if (size(dofs) < n) then
+      call reduce(system, moves, reduced)
+      system => reduced
+    end if
+    call take_loads(self, system, dofs, load, base)
+    call piece%mesh(mesh)
+    part = mesh%piece_of(piece%first)
+    u = piece%initial(2*dofs - 1)
+    v = piece%initial(2*dofs)
+    call base%enter(mesh%beginning(part), mesh%ends(part))
+    call base%add_to(mesh%start_of(piece%first), u, v, share=-1.0_wp)
+    call take_shortest(piece, shortest, kinks)
+    call new_hereditary(run, system, load, self%nodes, piece%past, self%held(dofs), u, v, &
+                        mesh%h(part), self%t_end, piece%tolerance, piece%reason, self%before, &
+                        self%moved(dofs, :), shortest, kinks)
+    if (piece%reason == begun .and. piece%resume /= from_start) then
+      made = .true.
+      if (piece%resume /= under_other_loads) then
+        call check_memory(piece, run%memory_size(), status)
+        if (status%failed()) return
+        call run%load_memory(piece%memory, .false.)
+      else
+        call run%load_memory(memory_under_other_loads(piece, run%memory_size()), .true.)
+        call run%take_up(system, load, mesh%start_of(piece%first), u, v, made)
+      end if
+      if (.not. made) piece%reason = step_too_large
+    end if
+    too_long = 0.0_wp
+    piece%last = piece%initial
+    run%gives_up = piece%gives_up
+    if (piece%reason == begun) then
+      if (size(dofs) == n) then
+        if (piece%is_watched) call piece%begin_watch(run%n_observed())
+        call run_hereditary(run, system, load, base, piece%first, piece%n_steps, &
+                            piece%save_every, piece%times, piece%states, piece%at_times, &
+                            piece%n_done, piece%n_reached, piece%t_reached, piece%ended, mesh, &
+                            piece%resume == under_other_loads, piece%watch, too_long)
+      else
+        allocate (states(size(rows), size(piece%states, 2)))
+        allocate (at_times(size(rows), size(piece%times)), source=0.0_wp)
+        call run_hereditary(run, system, load, base, piece%first, piece%n_steps, &
+                            piece%save_every, piece%times, states, at_times, piece%n_done, &
+                            piece%n_reached, piece%t_reached, piece%ended, mesh, &
+                            piece%resume == under_other_loads, thinnest=too_long)
+        piece%states = 0.0_wp
+        piece%states(rows, :) = states
+        piece%at_times(rows, :) = at_times
+      end if
+      u = run%u
+      v = run%v
+      call base%add_to(piece%t_reached, u, v)
+      piece%last(2*dofs - 1) = u
+      piece%last(2*dofs) = v
+      piece%counted = run%equations%n_iterations
+      piece%resolution = run%resolution()
+      piece%kept = run%save_memory()
+    end if
+    piece%too_long = too_long/(unseen_by_node*self%nodes)
+  end subroutine run_oscillator
+
+  !> The shortest step after corners, and whether the base has some; not allocated: none follows.
+  pure subroutine take_shortest(piece, shortest, kinks)
+    type(piece_type), intent(in) :: piece
+    real(wp), allocatable, intent(out) :: shortest
+    logical, allocatable, intent(out) :: kinks
+    if (.not. piece%shortest > 0.0_wp) return
+    allocate (shortest, source=piece%shortest)
+    allocate (kinks, source=piece%kinks)
+  end subroutine take_shortest
+
+  !> Loads and base of the coordinates `dofs`.
+  subroutine take_loads(self, system, dofs, load, base)
+    class(oscillator_equations), intent(in) :: self
+    !> Of these coordinates alone.
+    class(oscillator_type), intent(in) :: system
+    integer, intent(in) :: dofs(:)
+    type(time_load_type), intent(out) :: load
+    type(base_motion_type), intent(out) :: base
+
+    load%frequencies = self%frequencies
+    load%amplitudes = self%amplitudes(dofs, :)
+    load%breaks = self%breaks
+    load%pieces = self%pieces(dofs, :, :)
+    if (.not. any(abs(self%waves) > 0.0_wp) .and. size(self%base_breaks) == 1) return
+    if (size(self%waves, 1) > 1) then
+      call make_base(base, [real(wp) ::], self%frequencies, self%waves(dofs, :), &
+                     self%base_breaks, self%base_pieces(:, dofs, :))
+    else
+      call make_base(base, system%base_direction, self%frequencies, self%waves, &
+                     self%base_breaks, self%base_pieces)
+    end if
+  end subroutine take_loads
+
+  !> A base that moves by waves and cubics.
+  subroutine make_base(base, direction, frequencies, waves, breaks, pieces)
+    type(base_motion_type), intent(inout) :: base
+    !> How the coordinates move with it; none: each has a displacement of its own.
+    real(wp), intent(in) :: direction(:)
+    !> Shapes (n), (m), (4, q, m) and (q, n).
+    real(wp), intent(in) :: frequencies(:), breaks(:), pieces(:, :, :)
+    complex(wp), intent(in) :: waves(:, :)
+    if (size(direction) > 0) base%direction = direction
+    base%frequencies = frequencies
+    base%amplitudes = waves
+    if (size(breaks) == 1) return
+    base%breaks = breaks
+    base%pieces = pieces
+  end subroutine make_base
+
+  !> A piece of a run of a structure, as of an oscillator. Found besides: `phased`, as
+  !! `phase_errors` has it of what is kept.
+  subroutine run_structure(self, piece, status)
+    class(structure_equations), intent(in) :: self
+    type(piece_type), intent(inout) :: piece
+    type(status_type), intent(out) :: status
+    type(structure_march_type) :: run
+    type(sections_type) :: pushed
+    type(base_motion_type) :: base
+    type(mesh_type) :: mesh
+    real(wp), allocatable :: u(:), v(:), shortest
+    logical, allocatable :: kinks
+    real(wp) :: begin, too_long
+    integer :: n, part
+    logical :: made
+
+    call set_ok(status)
+    n = size(self%shown, 2)
+    begin = 1.0_wp + piece%sign*shaken
+    pushed = self%sections
+    if (piece%sign /= 0) call push_harder(pushed, 1.0_wp + 2.0_wp*shaken)
+    call piece%mesh(mesh)
+    part = mesh%piece_of(piece%first)
+    base = self%base
+    call base%enter(mesh%beginning(part), mesh%ends(part))
+    call take_shortest(piece, shortest, kinks)
+    call new_structure_march(run, self%system, pushed, self%shown, self%shown_left, self%load, &
+                             self%nodes, piece%past, self%held, begin*self%q, begin*self%v, &
+                             mesh%h(part), self%t_end, piece%tolerance, piece%reason, &
+                             self%before, self%moved, shortest, kinks)
+    if (piece%reason == begun .and. piece%resume /= from_start) then
+      made = .true.
+      if (piece%resume /= under_other_loads) then
+        call check_memory(piece, run%memory_size(), status)
+        if (status%failed()) return
+        call run%load_memory(piece%memory, .false.)
+      else
+        call run%load_memory(memory_under_other_loads(piece, run%memory_size()), .true.)
+        call run%kick(base, self%kick(1:1), self%kick(2:2))
+        call run%get_state(u, v)
+        call run%take_up(self%system, self%load, mesh%start_of(piece%first), u, v, made)
+      end if
+      if (.not. made) piece%reason = step_too_large
+    end if
+    allocate (piece%phased(2*n), source=0.0_wp)
+    piece%last = piece%initial
+    too_long = 0.0_wp
+    if (piece%reason == begun) then
+      if (piece%is_watched) call piece%begin_watch(run%n_observed())
+      run%gives_up = piece%gives_up
+      call run_hereditary(run, self%system, self%load, base, piece%first, piece%n_steps, &
+                          piece%save_every, piece%times, piece%states, piece%at_times, &
+                          piece%n_done, piece%n_reached, piece%t_reached, piece%ended, mesh, &
+                          piece%resume == under_other_loads, piece%watch, too_long)
+      if (allocated(u)) deallocate (u, v)
+      allocate (u(n), v(n))
+      call run%observe(u, v)
+      call base%add_to(piece%t_reached, u, v)
+      piece%last(1::2) = u
+      piece%last(2::2) = v
+      piece%counted = run%equations%n_iterations
+      piece%resolution = run%resolution()
+      piece%phased = run%phase_errors()
+      piece%kept = run%save_memory()
+    end if
+    piece%too_long = too_long/(unseen_by_node*self%nodes)
+  end subroutine run_structure
+
+  !> Forces of loads and elements so many times as large.
+  pure subroutine push_harder(sections, times)
+    type(sections_type), intent(inout) :: sections
+    real(wp), intent(in) :: times
+    sections%pushed = times*sections%pushed
+    sections%waves = times*sections%waves
+    sections%others%right = times*sections%others%right
+    sections%others%sine = times*sections%others%sine
+    sections%others%cosine = times*sections%others%cosine
+  end subroutine push_harder
+
+end module viscovib_memory_pieces

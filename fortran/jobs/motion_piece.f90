@@ -1,0 +1,158 @@
+!> A piece of a run in time, and the equations that it solves.
+module viscovib_motion_piece
+  use viscovib_fitted_memory, only: needs_fit
+  use viscovib_kinds, only: i8, wp
+  use viscovib_mesh, only: equal_steps, mesh_type, new_mesh
+  use viscovib_oscillator, only: oscillator_type
+  use viscovib_polynomial, only: polynomial_type
+  use viscovib_status, only: fail, set_ok, status_input_error, status_type
+  use viscovib_trajectory, only: shaken
+  use viscovib_watch, only: new_watch, watch_type
+  implicit none
+  private
+
+  public :: check_memory, memory_under_other_loads, motion_equations, piece_type
+
+  !> How a run goes on: from a start, as before, or under other loads.
+  integer, parameter, public :: from_start = 0, as_before = 1, under_other_loads = 2
+
+  ! Of a run that is to keep no states at given times, or goes on without a memory of its own.
+  real(wp), target, public :: nothing(0)
+
+  !> The start of a run and its steps, and what is found.
+  type :: piece_type
+    !> Steps made before, steps to make, and steps between states that are kept.
+    integer(i8) :: first = 0, n_steps = 0, save_every = 1
+    integer :: resume = from_start
+    real(wp) :: h = 0.0_wp, tolerance = 0.0_wp
+    !> By what the steps of a mesh are shorter than given; the sign of a shake (`shaken`), 0: none.
+    integer :: factor = 1, sign = 0
+    !> Whether steps are made in parts that see thin layers of forces, and how thin one may be for
+    !! a part.
+    logical :: in_parts = .false.
+    real(wp) :: thin = 1.0_wp
+    !> How the past is kept; the shortest step after corners, and whether the base has some.
+    integer :: past = 0
+    real(wp) :: shortest = 0.0_wp
+    logical :: kinks = .false.
+    !> Whether a step with memory that is too large ends it, wherever inside the motion may stop.
+    logical :: gives_up = .false.
+    real(wp), pointer, contiguous :: initial(:), times(:), memory(:)
+    !> Where steps end, as of `new_mesh`, before they are shorter; not allocated: they are equal.
+    real(wp), allocatable :: ends(:)
+    integer(i8), allocatable :: made_by(:)
+    real(wp), allocatable :: states(:, :), at_times(:, :), last(:), kept(:), phased(:)
+    integer(i8) :: n_done = 0, counted = 0
+    integer :: n_reached = 0, ended = 0, reason = 0
+    real(wp) :: t_reached = 0.0_wp, resolution = 0.0_wp, too_long = 0.0_wp
+    !> Events, as of `new_watch`; sides not allocated: a run begins.
+    logical :: is_watched = .false.
+    real(wp), pointer, contiguous :: watched(:)
+    integer, allocatable :: sides(:)
+    type(watch_type), allocatable :: watch
+  contains
+    procedure :: make_room
+    procedure :: begin_watch
+    procedure :: mesh => mesh_of_piece
+  end type piece_type
+
+  !> Equations of motion under loads, with their past.
+  type, abstract :: motion_equations
+    !> A body with large rotations, whose states have equivalent forms; null: they have none.
+    class(oscillator_type), pointer :: turning => null()
+    !> Relative change of the start in shaken runs.
+    real(wp) :: change = shaken
+    !> Whether steps are polynomials through nodes, solved to the tolerance, also between their
+    !! ends; whether these have the degree that a search compares.
+    logical :: collocated = .false., of_high_degree = .false.
+    !> Whether steps go over kinks of laws; whether kernels are fitted by sums of exponentials.
+    logical :: over_kinks = .false., fitted = .false.
+    !> True if rounding errors of the energy accumulate; whether modes have damping of their own.
+    logical :: keeps_energy = .false., damps_modes = .false.
+  contains
+    procedure(run_interface), deferred :: run
+    procedure :: look_at
+  end type motion_equations
+
+  abstract interface
+
+    !> Make the steps of a piece.
+    subroutine run_interface(self, piece, status)
+      import :: motion_equations, piece_type, status_type
+      class(motion_equations), intent(in) :: self
+      type(piece_type), intent(inout) :: piece
+      type(status_type), intent(out) :: status
+    end subroutine run_interface
+
+  end interface
+
+contains
+
+  !> Take what a search for the step needs of the system.
+  subroutine look_at(self, system)
+    class(motion_equations), intent(inout) :: self
+    class(oscillator_type), intent(in), target :: system
+    integer :: i
+
+    self%fitted = needs_fit(system)
+    if (system%moving) self%turning => system
+    select type (system)
+    class is (polynomial_type)
+      self%over_kinks = self%collocated .and. any([(system%laws(i)%state > 0 &
+                            .or. system%laws(i)%program%n_surfaces() > 0, i=1, size(system%laws))])
+      self%keeps_energy = size(system%monomials) > 0 .and. size(system%laws) == 0 &
+                          .and. .not. self%damps_modes &
+                          .and. .not. any(abs(system%damping) > 0.0_wp) &
+                          .and. .not. any(system%kernel_of > 0)
+    end select
+  end subroutine look_at
+
+  !> Room for what it finds, of so many states.
+  subroutine make_room(self, columns)
+    class(piece_type), intent(inout) :: self
+    integer, intent(in) :: columns
+    integer :: n_rows
+    n_rows = size(self%initial)
+    allocate (self%states(n_rows, columns))
+    allocate (self%at_times(n_rows, size(self%times)), self%last(n_rows), source=0.0_wp)
+  end subroutine make_room
+
+  !> Look for events, whose signals read some of n coordinates alone.
+  subroutine begin_watch(self, n)
+    class(piece_type), intent(inout) :: self
+    integer, intent(in) :: n
+    allocate (self%watch)
+    call new_watch(self%watch, self%watched, self%sides, n)
+  end subroutine begin_watch
+
+  !> Where steps end that are shorter by the factor.
+  subroutine mesh_of_piece(self, mesh)
+    class(piece_type), intent(in) :: self
+    type(mesh_type), intent(out) :: mesh
+    if (allocated(self%ends)) then
+      call new_mesh(mesh, self%h, self%ends, self%factor*self%made_by)
+    else
+      mesh = equal_steps(self%h)
+    end if
+  end subroutine mesh_of_piece
+
+  !> A failure where a run is to go on with less than it needs.
+  subroutine check_memory(piece, needed, status)
+    type(piece_type), intent(in) :: piece
+    integer, intent(in) :: needed
+    type(status_type), intent(out) :: status
+    call set_ok(status)
+    if (size(piece%memory) >= needed) return
+    call fail(status, status_input_error, 'memory', 'memory: is not that of such a run')
+  end subroutine check_memory
+
+  !> What a run needs to go on under other loads: zeros for what was not kept before.
+  function memory_under_other_loads(piece, needed) result(memory)
+    type(piece_type), intent(in) :: piece
+    integer, intent(in) :: needed
+    real(wp) :: memory(max(needed, size(piece%memory)))
+    memory = 0.0_wp
+    memory(:size(piece%memory)) = piece%memory
+  end function memory_under_other_loads
+
+end module viscovib_motion_piece
