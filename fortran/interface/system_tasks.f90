@@ -1,7 +1,9 @@
 !> Objects that are systems, and properties of these.
 module viscovib_system_tasks
   use viscovib_binding_tools, only: make_pendulum, make_system
-  use viscovib_kinds, only: wp
+  use viscovib_characteristic_matrix, only: characteristic_matrix, oscillator_matrix
+  use viscovib_characteristic_roots, only: find_characteristic_roots, roots_type
+  use viscovib_kinds, only: i8, wp
   use viscovib_lanes, only: n_lanes
   use viscovib_mount, only: mount_type
   use viscovib_oscillator, only: oscillator_type
@@ -26,6 +28,8 @@ contains
       call find_mount_modes(task)
     case ('dynamic_stiffness')
       call find_stiffness(task)
+    case ('roots')
+      call find_roots(task)
     case ('pendulum_modes')
       call find_pendulum_modes(task)
     case ('pendulum_frequencies')
@@ -106,6 +110,26 @@ contains
     call system%dynamic_stiffness(nu, fraction, stiffness)
     call task%found%put_complexes('stiffness', stiffness, shape(stiffness))
   end subroutine find_stiffness
+
+  !> Roots of the characteristic equation: `oscillatory` (n) and `real` (m); `n_unstable` and
+  !! `n_missing` by the argument principle, `complete`, and the `region` that was searched.
+  subroutine find_roots(task)
+    type(task_type), intent(inout) :: task
+    class(oscillator_type), pointer :: system
+    type(characteristic_matrix) :: matrix
+    type(roots_type) :: roots
+
+    system => task%system()
+    if (.not. task%failed()) call oscillator_matrix(matrix, system, task%status)
+    if (task%failed()) return
+    call find_characteristic_roots(matrix, roots, task%cancel)
+    call task%found%put_complexes('oscillatory', roots%oscillatory, shape(roots%oscillatory))
+    call task%found%put_reals('real', roots%real, shape(roots%real))
+    call task%found%put_integer('n_unstable', int(roots%n_unstable, i8))
+    call task%found%put_integer('n_missing', int(roots%n_missing, i8))
+    call task%found%put_integer('complete', merge(1_i8, 0_i8, roots%complete))
+    call task%found%put_text('region', trim(roots%region))
+  end subroutine find_roots
 
   !> Natural frequencies `omega` (3) of a pendulum, mode `shapes` (3, 3), `r`, `z_r`.
   subroutine find_pendulum_modes(task)

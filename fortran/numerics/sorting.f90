@@ -4,7 +4,7 @@ module viscovib_sorting
   implicit none
   private
 
-  public :: sort_falling
+  public :: sort_falling, sort_reals
 
 contains
 
@@ -32,5 +32,22 @@ contains
       sorted(j + 1) = key
     end do
   end subroutine sort_falling
+
+  !> Ascending, by insertion.
+  pure subroutine sort_reals(values)
+    real(wp), intent(inout) :: values(:)
+    real(wp) :: one
+    integer :: i, k
+    do i = 2, size(values)
+      one = values(i)
+      k = i - 1
+      do while (k >= 1)
+        if (.not. values(k) > one) exit
+        values(k + 1) = values(k)
+        k = k - 1
+      end do
+      values(k + 1) = one
+    end do
+  end subroutine sort_reals
 
 end module viscovib_sorting

@@ -11,7 +11,7 @@ module viscovib_scene_groups
 
   !> What a scene may ask for, each by the name of its group, and what it goes with.
   type :: result_name
-    character(len=15) :: name
+    character(len=20) :: name
     logical :: of_pendulum, needs_load
   end type result_name
 
@@ -22,22 +22,24 @@ module viscovib_scene_groups
                                                 result_name('multiple_scales', .true., .true.), &
                                                 result_name('modes', .true., .false.), &
                                                 result_name('equilibrium', .false., .true.), &
+                                                result_name('characteristic_roots', .false., &
+                                                            .false.), &
                                                 result_name('transient', .true., .false.), &
                                                 result_name('ensemble', .true., .false.), &
                                                 result_name('basins', .true., .false.)]
 
   !> Other groups: those of a mount or a system of one's own, and those of any scene.
   character(len=*), parameter :: oscillator_groups(11) = &
-    [character(len=15) :: 'mount', 'system', 'spring', 'force', 'structure', 'element', 'layer', &
+    [character(len=20) :: 'mount', 'system', 'spring', 'force', 'structure', 'element', 'layer', &
      'body', 'mount_point', 'kernel', 'load'], &
                                  other_groups(6) = &
-    [character(len=15) :: 'scene', 'pendulum', 'spectrum', 'event', 'parameters', 'sweep'], &
+    [character(len=20) :: 'scene', 'pendulum', 'spectrum', 'event', 'parameters', 'sweep'], &
                                  repeatable(9) = &
-    [character(len=15) :: 'kernel', 'load', 'spring', 'force', 'element', 'layer', 'mount_point', &
+    [character(len=20) :: 'kernel', 'load', 'spring', 'force', 'element', 'layer', 'mount_point', &
      'event', 'sweep'], &
-                                 of_structures(8) = &
-    [character(len=15) :: 'response', 'branch', 'backbone', 'modes', 'transient', 'basins', &
-     'ensemble', 'equilibrium']
+                                 of_structures(9) = &
+    [character(len=20) :: 'response', 'branch', 'backbone', 'modes', 'transient', 'basins', &
+     'ensemble', 'equilibrium', 'characteristic_roots']
 
 contains
 
@@ -213,7 +215,7 @@ contains
   function likely_group(name) result(text)
     character(len=*), intent(in) :: name
     character(len=:), allocatable :: text
-    character(len=15), allocatable :: known(:)
+    character(len=20), allocatable :: known(:)
     integer :: near
     known = [oscillator_groups, other_groups, results%name]
     near = closest(name, known)

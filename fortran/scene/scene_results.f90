@@ -9,6 +9,7 @@ module viscovib_scene_results
   use viscovib_basins_job, only: basins_job
   use viscovib_branch_groups, only: begin_body, begin_mount, read_branch
   use viscovib_branch_job, only: branch_job
+  use viscovib_characteristic_roots_job, only: characteristic_roots_job
   use viscovib_driven_groups, only: read_driven
   use viscovib_driven_job, only: driven_job
   use viscovib_ensemble_groups, only: read_ensemble
@@ -76,6 +77,8 @@ contains
       allocate (modes_job :: job)
     case ('equilibrium')
       allocate (equilibrium_job :: job)
+    case ('characteristic_roots')
+      allocate (characteristic_roots_job :: job)
     case ('ensemble')
       call read_ensemble_job(reader, file, subject, job)
     case ('basins')
@@ -83,7 +86,12 @@ contains
     case default
       call read_motion_job(reader, subject, job)
     end select
-    call read_wanted(reader, subject%coordinates, job%wanted, subject%shown())
+    if (file%groups(n)%name == 'characteristic_roots') then
+      ! Its table has no columns of coordinates.
+      allocate (job%wanted(0))
+    else
+      call read_wanted(reader, subject%coordinates, job%wanted, subject%shown())
+    end if
     call reader%close(canonical, status)
     if (status%failed()) return
     n = place_of(file, 'spectrum')
@@ -108,7 +116,7 @@ contains
 
   contains
 
-    character(len=15) function job_name(i)
+    character(len=20) function job_name(i)
       integer, intent(in) :: i
       job_name = file%groups(i)%name
     end function job_name

@@ -316,3 +316,95 @@ def test_static_equilibria_have_constant_loads(solve, tmp_path):
     assert "the loads must be constant (order = 0)" in done.stderr
     scene.write_text(scene.read_text().replace("&equilibrium", "&equilibrium nu=1"))
     assert "unknown key 'nu'" in solve(scene, "--out", tmp_path).stderr
+
+
+KINDS = {
+    "mount": "mount", "system": "polynomial_system", "structure": "structure", "body": "body"
+}  # fmt: skip
+
+
+def _check_roots(solve, scene, text, *, real=True):
+    """The table of a scene with these groups and the roots of the same system in Python."""
+    scene.write_text(text + "&characteristic_roots /\n")
+    done = solve(scene, "--out", scene.parent)
+    assert done.returncode == 0, done.stderr
+    table = read_csv(scene.parent / "scene_characteristic_roots.csv")
+    found = np.array(table["s_re"], float) + 1j * np.array(table["s_im"], float)
+    read = vv.Scene.read(scene)
+    kind = next(name for name in KINDS if name in read.groups)
+    roots = getattr(read, KINDS[kind])().characteristic_roots()
+    assert found[found.imag > 0] == pytest.approx(roots.oscillatory, rel=1e-10)
+    if real:
+        assert found[found.imag == 0].real == pytest.approx(roots.real, rel=1e-10, abs=1e-15)
+    return table
+
+
+@pytest.mark.filterwarnings("ignore::viscovib.StabilityWarning")
+@pytest.mark.parametrize("kind", KINDS)
+def test_characteristic_roots_are_those_of_python(solve, tmp_path, kind):
+    """Of random systems with several kernels; a structure in Python has a method of its own."""
+    rng, scene = np.random.default_rng(11), tmp_path / "scene.nml"
+    for _ in range(3):
+        n, a, b = int(rng.integers(2, 4)), *rng.uniform(0.1, 0.8, 2)
+        kernels = (
+            f"&kernel kind='rzhanitsyn' amplitude={0.1 * a} alpha={a} beta={b} /\n"
+            f"&kernel kind='prony' weights={0.2 * a} {0.1 * b} rates=1 0.2 /\n"
+        )
+        if kind == "mount":
+            kernels = kernels.replace(" /", " acts_on='x' /", 1).replace(
+                "0.2 /", "0.2 acts_on='phi' /"
+            )
+            text = (
+                f"{kernels}&mount mass=1 inertia=0.1 offset={0.5 * a} stiffness_x=10\n"
+                f"  stiffness_phi=2 damping={a} 0 0 {b} /\n"
+            )
+        elif kind == "body":
+            text = kernels + "&body mass=50 inertia=1 2 3 /\n"
+            for name, place, k in ("a", "-0.3 -0.2", 1), ("b", "0.3 -0.2", 2), ("c", "0.1 0.4", 1):
+                text += f"&mount_point name='{name}' position={place} -0.1\n"
+                text += f"  stiffness=3e4 2e4 1e4 kernel={k} /\n"
+        else:
+            root = rng.normal(size=(n, n))
+            listed = " ".join(map(str, (root @ root.T + np.eye(n)).ravel()))
+            c = " ".join(map(str, (0.05 * np.diag(rng.uniform(0, 1, n))).ravel()))
+            whole = "kernel=0" if kind == "system" else ""
+            text = f"{kernels}&{kind} mass={'1.5 ' * n} stiffness={listed} damping={c} {whole} "
+            if kind == "system":
+                text += "coordinates=" + " ".join(f"'x{i + 1}'" for i in range(n))
+                law = f"0.3*sinh({b}*x1) + 0.3*tanh({a}*x1_dot)"
+                text += f" /\n&force on='x1' law='{law}' kernel=1 /\n"
+                text += "&force on='x2' law='x2^3' kernel=2 /\n"
+                text += f"&spring stiffness={listed} kernel=2 /\n"
+            else:
+                text += f" /\n&element on='x1' law='{b}*d + 0.3*tanh({a}*v)' kernel=1 /\n"
+                text += f"&element on='x2' 'x1' law='{a}*d + d^3' kernel=2 /\n"
+        _check_roots(solve, scene, text, real=kind != "structure")
+
+
+def test_characteristic_roots_of_modal_damping(solve, tmp_path):
+    """s^2 + 2 zeta omega s + omega^2 for each mode."""
+    scene = tmp_path / "scene.nml"
+    scene.write_text(
+        "&structure mass=1 1 stiffness=2 -1 -1 2 modal_damping=0.03 /\n&characteristic_roots /\n"
+    )
+    assert solve(scene, "--out", tmp_path).returncode == 0
+    table = read_csv(tmp_path / "scene_characteristic_roots.csv")
+    assert np.array(table["damping_ratio"], float) == pytest.approx([0.03, 0.03], rel=1e-12)
+    omega = np.hypot(np.array(table["s_re"], float), np.array(table["s_im"], float))
+    assert omega == pytest.approx([1, np.sqrt(3)], rel=1e-12)
+
+
+def test_characteristic_roots_refuse_what_has_none(solve, tmp_path):
+    structure = "&structure mass=1 stiffness=2 loss_factor=0.1 /\n"
+    for text, told in (
+        (structure, "loss_factor: has no meaning in free motion"),
+        ("&structure mass=1 0 stiffness=2 -1 -1 2 /\n", "mass: must be positive"),
+        ("&pendulum e=0.1 w2=0.4 w3=0.8 /\n", "&characteristic_roots: belongs to a mount"),
+    ):
+        scene = tmp_path / "scene.nml"
+        scene.write_text(text + "&characteristic_roots /\n")
+        done = solve(scene, "--out", tmp_path)
+        assert done.returncode == 2
+        assert told in done.stderr
+    scene.write_text(structure.replace("loss_factor=0.1", "") + "&characteristic_roots n=1 /\n")
+    assert "unknown key 'n'" in solve(scene, "--out", tmp_path).stderr

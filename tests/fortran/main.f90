@@ -16,6 +16,7 @@ program tester
   use test_namelist, only: run_namelist
   use test_polynomial, only: run_polynomial
   use test_response, only: run_response
+  use test_roots, only: run_roots
   use test_scales, only: run_scales
   use test_scene, only: run_scene
   use test_skips, only: run_skips
@@ -48,6 +49,7 @@ program tester
   if (wants('namelist')) call run_namelist()
   if (wants('polynomial')) call run_polynomial()
   if (wants('response')) call run_response()
+  if (wants('roots')) call run_roots()
   if (wants('scales')) call run_scales()
   if (wants('scene')) call run_scene()
   if (wants('skips')) call run_skips()

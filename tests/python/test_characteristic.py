@@ -349,3 +349,33 @@ def test_growing_real_roots_of_structures_are_counted():
         assert roots.n_unstable == n
         assert "Im s = 0" in roots.region
         assert not roots.complete
+
+
+def test_real_roots_at_a_temperature_are_those_of_the_shifted_kernel():
+    """Those between the branch cut and 0 were listed at the reference temperature only."""
+    kernel = vv.RzhanitsynKernel(amplitude=0.048, alpha=0.1, beta=0.05)
+    law = vv.WLF(reference=20.0, c1=8.86, c2=101.6)
+    for temperature in (-10.0, 35.0):
+        a_t = law(temperature)
+        shifted = vv.RzhanitsynKernel(amplitude=0.048 / a_t**0.1, alpha=0.1, beta=0.05 / a_t)
+        thermal = vv.ThermalKernel(kernel=kernel, shift=law, temperature=temperature)
+        wanted, found = (
+            vv.Mount(**BODY, kernel=one).characteristic_roots() for one in (shifted, thermal)
+        )
+        assert wanted.real.size == 2
+        assert found.real == pytest.approx(wanted.real, rel=1e-9)
+        assert found.oscillatory == pytest.approx(wanted.oscillatory, rel=1e-12)
+
+
+def test_a_kernel_of_nonlinear_forces_alone_leaves_the_roots():
+    """Springs without a linear part remember nothing about rest."""
+    forces = {"x": "x^3"}
+    memory = vv.PronyKernel(weights=[0.3], rates=[0.4])
+    system = vv.PolynomialSystem(
+        mass=1, stiffness=0, damping=3, names=["x"], forces=forces, kernel=memory,
+        springs=[vv.Springs(stiffness=1.25)],
+    )  # fmt: skip
+    roots = system.characteristic_roots()
+    assert roots.region == "the whole plane"
+    assert roots.real == pytest.approx([-0.5, -2.5], rel=1e-12)
+    assert roots.complete

@@ -111,6 +111,10 @@ MORE = {
     "modes": """&system coordinates='x' 'y' mass=1 1 stiffness=2 -1 -1 2 /
 &modes coordinates='y' /
 """,
+    "roots": """&kernel kind='rzhanitsyn' amplitude=0.048 alpha=0.1 beta=0.05 /
+&mount mass=1 inertia=0.1 offset=0.5 stiffness_x=10 stiffness_phi=2 /
+&characteristic_roots /
+""",
     "modes_of_a_pendulum": """&pendulum e=0.1 w2=0.4 w3=0.8 /
 &modes /
 """,

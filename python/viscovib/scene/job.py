@@ -199,7 +199,7 @@ def _asked(scene: Scene, name: str) -> tuple[str, ...]:
 
 def _by_core(scene: Scene, planned: Plan) -> SceneResult:
     """Let the core do all of it: the tables of the standalone driver, read back."""
-    kinds = [name for name in scene.groups if name not in _SUBJECTS and scene.groups[name]]
+    kinds = [name for name, group in scene.groups.items() if name not in _SUBJECTS and group != []]
     kinds.sort(key=lambda name: (name == "event", name == "spectrum"))
     many = next((name for name in ("basins", "ensemble") if name in scene.groups), None)
     if many == "basins" or (many and scene.groups[many]["sections"]):

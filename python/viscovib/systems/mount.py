@@ -123,7 +123,9 @@ class Mount:
         shapes = self.mode_shapes()
         mass = np.array([self.mass, self.inertia])
         modal_mass = np.asarray(mass @ shapes**2)
-        (_, kernel), (_, kernel_phi) = self._springs
+        kernel = self.kernel
+        in_phi = kernel if self.kernel_phi is None else self.kernel_phi
+        kernel_phi = in_phi if isinstance(in_phi, Kernel) else None
         coupled = "" if kernel == kernel_phi else "the springs have different kernels"
         if np.asarray(self.damping).any():
             coupled = "there is damping"
@@ -137,12 +139,7 @@ class Mount:
         Without memory these are the pairs of the damped linear system. With memory they include
         slow real roots, positive if the integral of a kernel exceeds 1.
         """
-        return characteristic_roots(
-            np.diag([self.mass, self.inertia]),
-            np.asarray(self.damping, dtype=float),
-            self._springs,
-            self.memory_scale,
-        )
+        return characteristic_roots(self._handle, 2)
 
     def dynamic_stiffness(self, nu: npt.ArrayLike) -> ComplexArray:
         """D(nu), shape nu.shape + (2, 2), for u = Im(X exp(i nu t)).
@@ -206,16 +203,6 @@ class Mount:
     @property
     def _base_direction(self) -> FloatArray:
         return np.array([1.0, 0.0])
-
-    @property
-    def _springs(self) -> tuple[tuple[FloatArray, Kernel | None], ...]:
-        """Linear springs and their kernels, for the characteristic equation."""
-        c_x, c_phi, arm = self.stiffness_x, self.stiffness_phi, self.offset
-        in_phi = self.kernel if self.kernel_phi is None else self.kernel_phi
-        return (
-            (np.array([[c_x, -c_x * arm], [-c_x * arm, c_x * arm**2]]), self.kernel),
-            (np.diag([0.0, c_phi]), in_phi if isinstance(in_phi, Kernel) else None),
-        )
 
 
 def check_dynamic_frequencies(nu: npt.ArrayLike, kernels: Sequence[Kernel]) -> FloatArray:

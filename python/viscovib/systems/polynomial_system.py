@@ -286,10 +286,7 @@ class PolynomialSystem:
         They are the decay and frequency of free motion. C_g is the linear part of the laws of a
         group with a kernel in the rates.
         """
-        dampers = [group.law_dampers for group in self.groups]
-        return characteristic_roots(
-            self._mass_matrix, self._damping, self._springs, dampers=dampers
-        )
+        return characteristic_roots(self._handle, len(self.dof_names))
 
     def dynamic_stiffness(self, nu: npt.ArrayLike) -> ComplexArray:
         """D(nu), shape nu.shape + (n, n), for u = Im(X exp(i nu t)).
@@ -499,8 +496,3 @@ class PolynomialSystem:
     @property
     def _base_direction(self) -> FloatArray | None:
         return None if self.base_direction is None else np.asarray(self.base_direction)
-
-    @property
-    def _springs(self) -> tuple[tuple[FloatArray, Kernel | None], ...]:
-        """Linear springs and their kernels, for the characteristic equation."""
-        return tuple((group.stiffness, group.kernel) for group in self.groups)

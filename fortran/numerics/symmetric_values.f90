@@ -1,0 +1,129 @@
+!> Eigenvalues of a small symmetric matrix, without vectors.
+!!
+!! Householder's reflections to tridiagonal form, then implicit QL with Wilkinson's shifts
+!! (Golub and Van Loan, Matrix Computations, 4th ed., 8.3).
+module viscovib_symmetric_values
+  use viscovib_kinds, only: wp
+  use viscovib_sorting, only: sort_reals
+  implicit none
+  private
+
+  public :: symmetric_values
+
+  !> Steps for each eigenvalue at most.
+  integer, parameter :: max_steps = 60
+
+contains
+
+  !> Ascending.
+  pure subroutine symmetric_values(matrix, values)
+    !> Shape (n, n); the lower triangle is read.
+    real(wp), intent(in) :: matrix(:, :)
+    real(wp), intent(out) :: values(:)
+    real(wp) :: a(size(values), size(values)), off(size(values)), middle, apart
+    integer :: n
+
+    n = size(values)
+    if (n == 1) then
+      values(1) = matrix(1, 1)
+    else if (n == 2) then
+      middle = 0.5_wp*(matrix(1, 1) + matrix(2, 2))
+      apart = hypot(0.5_wp*(matrix(1, 1) - matrix(2, 2)), matrix(2, 1))
+      values(1) = middle - sign(apart, -middle)
+      ! The smaller one by the product: no digits cancel in the sum.
+      values(2) = 0.0_wp
+      if (abs(values(1)) > 0.0_wp) then
+        values(2) = matrix(1, 1)*(matrix(2, 2)/values(1)) - matrix(2, 1)*(matrix(2, 1)/values(1))
+      end if
+      if (values(1) > values(2)) values = values(2:1:-1)
+    else
+      a = matrix
+      call to_tridiagonal(n, a, values, off)
+      call iterate(n, values, off)
+      call sort_reals(values)
+    end if
+  end subroutine symmetric_values
+
+  !> Diagonal and subdiagonal, off(i) next to diagonal(i) and diagonal(i + 1).
+  pure subroutine to_tridiagonal(n, a, diagonal, off)
+    integer, intent(in) :: n
+    real(wp), intent(inout) :: a(n, n)
+    real(wp), intent(out) :: diagonal(n), off(n)
+    real(wp) :: v(n), p(n), length, unit
+    integer :: j, k
+
+    off = 0.0_wp
+    do k = 1, n - 2
+      v(k + 1:) = a(k + 1:, k)
+      unit = maxval(abs(v(k + 1:)))
+      if (.not. maxval(abs(v(k + 2:))) > 0.0_wp) then
+        off(k) = v(k + 1)
+        cycle
+      end if
+      v(k + 1:) = v(k + 1:)/unit
+      length = sqrt(sum(v(k + 1:)**2))
+      off(k) = -sign(length, v(k + 1))*unit
+      v(k + 1) = v(k + 1) + sign(length, v(k + 1))
+      v(k + 1:) = v(k + 1:)*(sqrt(2.0_wp)/sqrt(sum(v(k + 1:)**2)))
+      ! A - v w' - w v' with w = A v - (v' A v/2) v of the part below, |v|^2 = 2.
+      p(k + 1:) = 0.0_wp
+      do j = k + 1, n
+        p(j) = p(j) + a(j, j)*v(j) + sum(a(j + 1:, j)*v(j + 1:))
+        p(j + 1:) = p(j + 1:) + a(j + 1:, j)*v(j)
+      end do
+      p(k + 1:) = p(k + 1:) - 0.5_wp*sum(p(k + 1:)*v(k + 1:))*v(k + 1:)
+      do j = k + 1, n
+        a(j:, j) = a(j:, j) - v(j:)*p(j) - p(j:)*v(j)
+      end do
+    end do
+    off(n - 1) = a(n, n - 1)
+    do k = 1, n
+      diagonal(k) = a(k, k)
+    end do
+  end subroutine to_tridiagonal
+
+  pure subroutine iterate(n, d, e)
+    integer, intent(in) :: n
+    real(wp), intent(inout) :: d(n), e(n)
+    real(wp) :: b, c, f, g, p, r, s
+    integer :: i, l, m, step
+
+    do l = 1, n
+      do step = 1, max_steps
+        do m = l, n - 1
+          if (abs(e(m)) <= epsilon(1.0_wp)*(abs(d(m)) + abs(d(m + 1)))) exit
+        end do
+        if (m == l) exit
+        g = (d(l + 1) - d(l))/(2.0_wp*e(l))
+        r = hypot(g, 1.0_wp)
+        g = d(m) - d(l) + e(l)/(g + sign(r, g))
+        s = 1.0_wp
+        c = 1.0_wp
+        p = 0.0_wp
+        do i = m - 1, l, -1
+          f = s*e(i)
+          b = c*e(i)
+          r = hypot(f, g)
+          e(i + 1) = r
+          if (.not. r > 0.0_wp) exit
+          s = f/r
+          c = g/r
+          g = d(i + 1) - p
+          r = (d(i) - g)*s + 2.0_wp*c*b
+          p = s*r
+          d(i + 1) = g + p
+          g = c*r - b
+        end do
+        if (i >= l) then
+          ! A vanishing rotation splits the matrix.
+          d(i + 1) = d(i + 1) - p
+        else
+          d(l) = d(l) - p
+          e(l) = g
+        end if
+        e(m) = 0.0_wp
+      end do
+    end do
+  end subroutine iterate
+
+end module viscovib_symmetric_values
