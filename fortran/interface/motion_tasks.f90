@@ -9,13 +9,10 @@ module viscovib_motion_tasks
   use viscovib_hidden_memory, only: count_hidden
   use viscovib_kinds, only: i8, wp
   use viscovib_load, only: load_type, new_load
-  use viscovib_method_catalogue, only: new_stepper
-  use viscovib_motion_beside, only: motion_beside
   use viscovib_motion_inputs, only: load_of, of_pendulum, of_structure, polynomial_of, put_piece, &
     read_equations, read_piece, with_memory, without_memory
   use viscovib_motion_piece, only: motion_equations, piece_type
   use viscovib_motion_search, only: search_step
-  use viscovib_motion_slopes, only: has_slopes
   use viscovib_oscillator, only: oscillator_type
   use viscovib_pendulum, only: pendulum_type
   use viscovib_pendulum_job, only: plan_pendulum
@@ -23,9 +20,7 @@ module viscovib_motion_tasks
   use viscovib_polynomial_job, only: plan_polynomial
   use viscovib_polynomial_motion, only: polynomial_motion_type
   use viscovib_reduction, only: moved_coordinates
-  use viscovib_simulate, only: simulate
-  use viscovib_status, only: fail, status_input_error
-  use viscovib_stepper, only: stepper_type
+  use viscovib_steady_motion_tasks, only: run_period, steady_motion
   use viscovib_task, only: task_type
   use viscovib_transient_job, only: transient_job
   implicit none
@@ -52,6 +47,8 @@ contains
       call run_motion(task, of_structure)
     case ('of a period')
       call run_period(task)
+    case ('steady')
+      call steady_motion(task)
     case ('moving coordinates')
       call find_moving(task)
     case ('hidden coordinates')
@@ -87,89 +84,6 @@ contains
     call equations%run(piece, task%status)
     call put_piece(task, piece)
   end subroutine run_motion
-
-  !> A motion of a polynomial system from t = 0, in `n_steps` equal steps `h`, and the derivatives
-  !! of its end: `by_start`(i, j) is the derivative of number i of the last state by number j of the
-  !! first. Without `neighbours` they are not computed, and `known` is 0: the motion alone takes far
-  !! less time. A state are coordinates and velocities alternately, then the rates of hidden states;
-  !! `begin` is the first. The load as of a run without memory. `at_times`: states at the ascending
-  !! `times`, `n_reached` of them, without hidden states. `n_passed`: surfaces crossed; `known` = 0:
-  !! the derivatives are unknown.
-  subroutine run_period(task)
-    type(task_type), intent(inout) :: task
-    type(polynomial_type), pointer :: system
-    type(polynomial_motion_type) :: motion
-    type(load_type) :: load
-    class(stepper_type), allocatable :: stepper
-    type(motion_beside) :: along
-    real(wp), pointer, contiguous :: begin(:), times(:)
-    real(wp), allocatable :: hidden(:), whole(:, :), none(:, :), at_times(:, :), last(:), &
-                             by_start(:, :)
-    integer, allocatable :: place(:)
-    real(wp) :: h, t_reached
-    integer(i8) :: n_done, n_steps
-    integer :: i, n, n_reached, ended, n_passed
-    logical :: known
-
-    system => polynomial_of(task)
-    if (task%failed()) return
-    n = system%n_dof()
-    h = task%get_real('h')
-    n_steps = task%get_long('n_steps')
-    begin => task%get_reals('begin')
-    times => task%get_reals('times')
-    call load_of(task, n, load)
-    if (task%failed()) return
-    call new_fitted_motion(motion, system, load, task%get_real('nu'), h, h*n_steps, task%status)
-    if (task%failed()) return
-    if (.not. has_slopes(motion)) then
-      call fail(task%status, status_input_error, 'system', 'system: has elements that know what ' &
-                //'was, or laws of more arguments than are differentiated here')
-      return
-    end if
-    call task%check_extents('begin', shape(begin), [2*n + motion%n_hidden])
-    if (task%failed()) return
-    ! Displacements that stand for what is remembered act on nothing, and begin with 0.
-    allocate (hidden(motion%n_hidden), source=0.0_wp)
-    call new_stepper(stepper, motion, task%get_integer('method'), [begin(1:2*n:2), hidden], &
-                     [begin(2:2*n:2), begin(2*n + 1:)], 0.0_wp, h, task%get_real('tolerance'))
-    motion%thin = task%get_real('thin')
-    allocate (none(2*n, 0))
-    allocate (at_times(2*n, size(times)), by_start(size(begin), size(begin)), source=0.0_wp)
-    n_passed = 0
-    known = .false.
-    if (task%get_flag('neighbours')) then
-      call along%begin(motion%n_dof)
-      call simulate(stepper, motion, 0_i8, n_steps, 1_i8, times, none, at_times, n_done, &
-                    n_reached, t_reached, ended, beside=along)
-      ! Of all coordinates, then of all velocities, the place of each number of the state.
-      allocate (place, source=[([i, motion%n_dof + i], i=1, n), &
-                               (motion%n_dof + i, i=n + 1, motion%n_dof)])
-      allocate (whole(2*motion%n_dof, 2*motion%n_dof))
-      whole(:motion%n_dof, :) = along%q
-      whole(motion%n_dof + 1:, :) = along%v
-      by_start = whole(place, place)
-      n_passed = along%n_passed
-      known = along%known
-    else
-      call simulate(stepper, motion, 0_i8, n_steps, 1_i8, times, none, at_times, n_done, &
-                    n_reached, t_reached, ended)
-    end if
-    allocate (last, source=begin)
-    last(1:2*n:2) = stepper%q(:n)
-    last(2:2*n:2) = stepper%v(:n)
-    last(2*n + 1:) = stepper%v(n + 1:)
-    associate (found => task%found)
-      call found%put_reals('last', last, shape(last))
-      call found%put_reals('by_start', by_start, shape(by_start))
-      call found%put_reals('at_times', at_times, shape(at_times))
-      call found%put_integer('n_reached', int(n_reached, i8))
-      call found%put_integer('n_passed', int(n_passed, i8))
-      call found%put_integer('known', merge(1_i8, 0_i8, known))
-      call found%put_integer('ended', int(ended, i8))
-      call found%put_real('reached', t_reached)
-    end associate
-  end subroutine run_period
 
   !> Which coordinates move (1) if those with `driven` /= 0 (n) are driven: `moves` (n).
   subroutine find_moving(task)

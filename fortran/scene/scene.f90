@@ -151,17 +151,18 @@ contains
 
   !> In time a small structure whose laws switch goes by its whole equations, where steps end at the
   !! switches, unless the scene asks for what only the condensed ones have; so do ensembles, whose
-  !! motions go side by side.
+  !! motions go side by side, and periodic motions by shooting.
   subroutine go_whole(file, load, subject, status)
     type(namelist_type), intent(in) :: file
     type(load_type), intent(in) :: load
     type(subject_type), intent(inout) :: subject
     type(status_type), intent(inout) :: status
 
-    logical :: is_ensemble
+    logical :: is_always_whole
 
-    is_ensemble = place_of(file, 'ensemble') <= size(file%groups)
-    if (is_ensemble) then
+    is_always_whole = min(place_of(file, 'ensemble'), place_of(file, 'steady_motion')) &
+                      <= size(file%groups)
+    if (is_always_whole) then
       if (.not. may_be_whole(subject%model)) return
     else
       if (place_of_motion(file) > size(file%groups)) return
@@ -169,7 +170,7 @@ contains
     end if
     call whole_polynomial(subject%model, subject%structure%kernels, subject%polynomial, status)
     if (status%failed()) return
-    if (.not. is_ensemble) then
+    if (.not. is_always_whole) then
       if (.not. fits_sections(file, subject%polynomial)) return
       subject%goes_whole = .true.
     end if

@@ -24,6 +24,7 @@ module viscovib_scene_groups
                                                 result_name('equilibrium', .false., .true.), &
                                                 result_name('characteristic_roots', .false., &
                                                             .false.), &
+                                                result_name('steady_motion', .false., .true.), &
                                                 result_name('transient', .true., .false.), &
                                                 result_name('ensemble', .true., .false.), &
                                                 result_name('basins', .true., .false.)]
@@ -37,9 +38,9 @@ module viscovib_scene_groups
                                  repeatable(9) = &
     [character(len=20) :: 'kernel', 'load', 'spring', 'force', 'element', 'layer', 'mount_point', &
      'event', 'sweep'], &
-                                 of_structures(9) = &
+                                 of_structures(10) = &
     [character(len=20) :: 'response', 'branch', 'backbone', 'modes', 'transient', 'basins', &
-     'ensemble', 'equilibrium', 'characteristic_roots']
+     'ensemble', 'equilibrium', 'characteristic_roots', 'steady_motion']
 
 contains
 

@@ -29,12 +29,14 @@ module viscovib_scene_results
   use viscovib_oscillator, only: oscillator_type
   use viscovib_fitted_motion, only: new_fitted_motion
   use viscovib_polynomial_motion, only: polynomial_motion_type
+  use viscovib_repeating_groups, only: read_steady_motion
   use viscovib_response_groups, only: read_response
   use viscovib_response_job, only: response_job
   use viscovib_scales_groups, only: read_oscillator_scales, read_pendulum_scales
   use viscovib_scales_job, only: scales_job
   use viscovib_scene_groups, only: find_result, place_of
   use viscovib_status, only: fail, show, status_input_error, status_type
+  use viscovib_steady_motion_job, only: steady_motion_job
   use viscovib_structure_model, only: structure_model
   use viscovib_subject, only: subject_type
   use viscovib_transient_job, only: transient_job
@@ -79,6 +81,8 @@ contains
       allocate (equilibrium_job :: job)
     case ('characteristic_roots')
       allocate (characteristic_roots_job :: job)
+    case ('steady_motion')
+      call read_steady_motion_job(reader, subject, job)
     case ('ensemble')
       call read_ensemble_job(reader, file, subject, job)
     case ('basins')
@@ -106,7 +110,8 @@ contains
       call read_events(file, subject%coordinates, job, canonical, status)
       return
     end select
-    if (any(job%kind() == ['response   ', 'branch     ', 'equilibrium'])) then
+    if (any(job%kind() == ['response     ', 'branch       ', 'equilibrium  ', &
+                           'steady_motion'])) then
       ! What only the whole job shows to be wrong.
       call job%plan(subject, plan, status)
       if (status%failed()) call place_failure(file, subject, job%kind(), status)
@@ -157,6 +162,17 @@ contains
     call read_basins(reader, subject, own)
     call move_alloc(own, job)
   end subroutine read_basins_job
+
+  subroutine read_steady_motion_job(reader, subject, job)
+    type(group_reader), intent(inout) :: reader
+    type(subject_type), intent(in) :: subject
+    class(job_type), allocatable, intent(out) :: job
+    type(steady_motion_job), allocatable :: own
+
+    allocate (own)
+    call read_steady_motion(reader, subject, own)
+    call move_alloc(own, job)
+  end subroutine read_steady_motion_job
 
   subroutine read_branch_job(reader, subject, job)
     type(group_reader), intent(inout) :: reader

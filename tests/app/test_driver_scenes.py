@@ -408,3 +408,102 @@ def test_characteristic_roots_refuse_what_has_none(solve, tmp_path):
         assert told in done.stderr
     scene.write_text(structure.replace("loss_factor=0.1", "") + "&characteristic_roots n=1 /\n")
     assert "unknown key 'n'" in solve(scene, "--out", tmp_path).stderr
+
+
+def random_switching(rng):
+    """A scene and the same system in Python: gaps and friction."""
+    n = int(rng.integers(1, 4))
+    names = [f"x{i + 1}" for i in range(n)]
+    root = rng.normal(size=(n, n))
+    stiffness, mass = root @ root.T + np.eye(n), rng.uniform(0.5, 2, n)
+    damping = rng.uniform(0.05, 0.2) * np.eye(n)
+    last, cubic, friction = names[-1], rng.uniform(0.1, 2), rng.uniform(0.01, 0.2)
+    laws = {
+        "x1": f"{rng.uniform(2, 30)}*max(x1 - {rng.uniform(0.05, 0.3)}, 0)",
+        last: f"{cubic}*{last}^3 + {friction}*sign({last}_dot)",
+    }
+    amplitudes = rng.uniform(-1, 1, n)
+    rows = [" ".join(map(repr, m.ravel().tolist())) for m in (np.diag(mass), stiffness, damping)]
+    text = (
+        f"&system coordinates={' '.join(map(repr, names))}\n"
+        f"  mass={rows[0]}\n  stiffness={rows[1]}\n  damping={rows[2]} /\n"
+    )
+    text += "".join(f"&force on='{x}' law='{law}' /\n" for x, law in laws.items())
+    text += "".join(
+        f"&load on='{x}' amplitude={a!r} /\n"
+        for x, a in zip(names, amplitudes.tolist(), strict=True)
+    )
+    system = vv.PolynomialSystem(
+        mass=np.diag(mass), stiffness=stiffness, damping=damping, names=names, forces=laws
+    )
+    return text, system, amplitudes
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_steady_motions_as_in_python(solve, tmp_path, seed):
+    """The table has the states, the multipliers and the error of `vv.steady_motion`."""
+    rng = np.random.default_rng(seed)
+    text, system, amplitudes = random_switching(rng)
+    nu, periods = float(rng.uniform(0.5, 2)), int(rng.integers(1, 3))
+    scene = tmp_path / "scene.nml"
+    scene.write_text(f"{text}&steady_motion nu={nu!r} n_periods={periods} rtol=1e-9 /\n")
+    done = solve(scene, "--out", tmp_path)
+    motion = vv.steady_motion(system, nu, load=amplitudes, n_periods=periods, rtol=1e-9)
+    assert motion.complete
+    assert done.returncode == 0, done.stderr
+    assert ("unstable" in done.stdout) is (motion.stable is False)
+    lines = (tmp_path / "scene_steady_motion.csv").read_text().splitlines()
+    rows = [line for line in lines if not line.startswith("#")][1:]
+    table = np.array([[float(cell) for cell in row.split(",")] for row in rows])
+    np.testing.assert_array_equal(table[:, 0], motion.t)
+    np.testing.assert_allclose(table[:, 1:], motion.state, rtol=0, atol=1e-13)
+    assert f"repeats after {motion.repeats_after};" in "".join(lines)
+    told = (tmp_path / "scene_steady_motion_1.csv").read_text().splitlines()
+    found = np.array(
+        [complex(*map(float, row.split(",")[:2])) for row in told if row[0] in "-0123456789"]
+    )
+    np.testing.assert_allclose(np.abs(found), np.abs(motion.multipliers), rtol=0, atol=1e-9)
+
+
+REPEATS = "&system mass=1 stiffness=1 damping=0.1 coordinates='x' /\n&load amplitude=0.3 /\n"
+
+
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [
+        (REPEATS + "&steady_motion /", "nu"),
+        (REPEATS + "&steady_motion nu=-1 /", "nu = -1: must be greater than 0"),
+        (REPEATS + "&steady_motion nu=1 n_periods=65 /", "n_periods = 65: must be 1 to 64"),
+        (REPEATS + "&steady_motion nu=1 method='rk4' /", "must be one of 'gauss8', 'gauss16'"),
+        (REPEATS + "&steady_motion nu=1 tolerance=0 /", "tolerance = 0: must be 1e-13 to 1"),
+        (REPEATS + "&steady_motion nu=1 tolerance=1e-9 rtol=1e-9 /", "must not be given with rtol"),
+        (REPEATS + "&steady_motion nu=1 period=2 /", "unknown key 'period'"),
+        (
+            "&mount mass=1 inertia=0.1 offset=0.5 stiffness_x=10 stiffness_phi=2 /\n"
+            "&load amplitude=0.1 /\n&steady_motion nu=1 /",
+            "takes a &system or a &structure",
+        ),
+        (
+            "&system mass=1 stiffness=1 base_direction=1 coordinates='x' /\n"
+            "&load kind='base' amplitude=0.1 /\n&steady_motion nu=1 /",
+            "the base must be at rest",
+        ),
+        (
+            "&structure mass=1 stiffness=1 loss_factor=0.1 /\n&load amplitude=0.1 on='x1' /\n"
+            "&steady_motion nu=1 /",
+            "without shapes and loss_factor",
+        ),
+        (
+            "&system mass=1 stiffness=1 coordinates='x' kernel=1 /\n"
+            "&kernel kind='abel' amplitude=0.05 alpha=0.2 /\n"
+            "&load amplitude=0.1 /\n&steady_motion nu=1 /",
+            "kernels that are no sums of exponentials",
+        ),
+    ],
+)
+def test_steady_motions_refused(solve, tmp_path, text, told):
+    scene = tmp_path / "scene.nml"
+    scene.write_text(text + "\n")
+    done = solve(scene, "--out", tmp_path)
+    assert done.returncode == 2, done.stdout
+    assert told in done.stderr

@@ -163,15 +163,15 @@ def test_derivatives_in_many_coordinates(seed):
     mapping = PeriodMap.checked(system, load, rng.uniform(0.8, 2), 1, "auto")
     turn = np.repeat(units, 2)
     state = rng.normal(size=2 * n) * 0.03 / turn
-    steps, h = 2 * mapping.first_steps, 3e-7
-    state = mapping.run(state, steps, beside=False).last
+    steps, h = 2 * mapping.run(state, 0).n_steps, 3e-7
+    state = mapping.run(state, steps, derivatives=False).last
     ran = mapping.run(state, steps)
     assert ran.outcome == "completed"
-    np.testing.assert_array_equal(ran.last, mapping.run(state, steps, beside=False).last)
+    np.testing.assert_array_equal(ran.last, mapping.run(state, steps, derivatives=False).last)
     for i in rng.permutation(2 * n)[:6]:
         one = np.zeros(2 * n)
         one[i] = h / turn[i]
-        ahead, back = (mapping.run(state + a * one, steps, beside=False) for a in (1, -1))
+        ahead, back = (mapping.run(state + a * one, steps, derivatives=False) for a in (1, -1))
         by = (ahead.last - back.last) * turn / (2 * h)
         np.testing.assert_allclose(ran.by_start[:, i] * turn / turn[i], by, atol=3e-6)
 

@@ -19,6 +19,15 @@ SWEPT = ("mount_map.nml",)
 MORE = {
     "equilibrium": "&structure mass=1 2 stiffness=2 -1 -1 2 damping=0.1 0.1 /\n"
     "&element on='x1' law='0.4*d^3' /\n&load on='x2' amplitude=0.3 order=0 /\n&equilibrium /\n",
+    "steady_motion": """&scene title='a gap and dry friction' /
+&structure mass=1 2 stiffness=2 -1 -1 2 damping=0.1 0.1 /
+&kernel kind='prony' weights=0.3 rates=1.5 /
+&element on='x1' 'x2' stiffness=0.5 kernel=1 /
+&element on='x1' law='9*max(d - 0.1, 0)' kernel=0 /
+&element on='x2' law='0.1*sign(v)' kernel=0 /
+&load on='x1' amplitude=0.8 /
+&steady_motion nu=0.9 n_periods=2 coordinates='x2' /
+""",
     "linear_branch": "&system coordinates='x' mass=1 stiffness=1 damping=0.1 /\n"
     "&load amplitude=0.3 /\n&branch nu_from=0.5 nu_to=2 /\n",
     "corners": "&system coordinates='x' mass=1 stiffness=1 damping=0.1 /\n"

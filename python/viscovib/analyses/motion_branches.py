@@ -17,17 +17,16 @@ from viscovib._native import FloatArray
 from viscovib.analyses.accuracy import Accuracy
 from viscovib.analyses.following import _Way
 from viscovib.analyses.motion_crossings import errors_of, events
-from viscovib.analyses.motion_path import MotionPath, MotionPoint
-from viscovib.analyses.period_map import PeriodMap, check_mapped
-from viscovib.analyses.shooting import (
-    MOST_PERIODS,
+from viscovib.analyses.motion_errors import (
     Refined,
-    allowed_of,
-    begin_at,
     judged,
     motion_of,
     repeats_after,
+    weights_of,
 )
+from viscovib.analyses.motion_path import MotionPath, MotionPoint
+from viscovib.analyses.period_map import PeriodMap, check_mapped
+from viscovib.analyses.shooting import MOST_PERIODS, search
 from viscovib.common.counts import things
 from viscovib.errors import ConvergenceWarning, InputError, caller
 from viscovib.results.curves import Crossing
@@ -127,18 +126,18 @@ def trace_motion(
     most = _native.integer("max_points", max_points, 2, 100_000)
     mapping = PeriodMap.checked(system, load, way.fixed, periods, method)
     path = MotionPath(mapping, way, 0, 1.0, 1.0)
-    begun = begin_at(system, path.at(way.start), initial, wanted)
-    if begun.found.outcome != "converged":
+    begun = search(system, path.at(way.start), initial, wanted)
+    if begun["outcome"] != 0:
         raise InputError(
             f"{way.argument}: no motion was found at its beginning {way.start:g} that repeats "
             f"after {periods} of its load's periods: give another initial, or begin elsewhere"
         )
-    weighed = np.abs(mapping.weights * begun.found.state).max(initial=0.0)
+    state = begun["begin"]
+    weighed = np.abs(weights_of(mapping) * state).max(initial=0.0)
     path = MotionPath(
-        mapping, way, begun.steps, float(weighed) or 1.0,
-        allowed_of(wanted, mapping, begun.found.state),
-    )  # fmt: skip
-    points, outcome = _follow(path, begun.found.state, longest, most)
+        mapping, way, begun["n_steps"], float(weighed) or 1.0, _allowed_of(wanted, mapping, state)
+    )
+    points, outcome = _follow(path, state, longest, most)
     if not points:
         raise InputError(
             f"{way.argument}: the motion at its beginning {way.start:g} cannot be followed: others "
@@ -148,6 +147,12 @@ def trace_motion(
     branch = _branch(system, path, points, outcome, periods)
     _warn_of_doubts(branch, path, points, wanted)
     return branch
+
+
+def _allowed_of(wanted: Accuracy, mapping: PeriodMap, state: FloatArray) -> float:
+    """Error allowed, velocities divided by the frequency of the load."""
+    size = float(np.abs(weights_of(mapping) * state).max(initial=0.0))
+    return wanted.absolute + wanted.relative * size
 
 
 def _warn_of_doubts(
@@ -162,7 +167,9 @@ def _warn_of_doubts(
         )
     if branch._lost:
         told.append(f"{things(branch._lost, 'place')} on the way could not be located (nan, None)")
-    allowed = [allowed_of(wanted, path.mapping, point.z[:-1] * path.units[:-1]) for point in points]
+    allowed = [
+        _allowed_of(wanted, path.mapping, point.z[:-1] * path.units[:-1]) for point in points
+    ]
     above = np.flatnonzero(~(branch.error <= allowed))
     if above.size:
         worst = int(above[np.nan_to_num(branch.error[above], nan=np.inf).argmax()])

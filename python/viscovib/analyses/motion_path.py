@@ -12,8 +12,8 @@ import numpy as np
 
 from viscovib._native import ComplexArray, FloatArray
 from viscovib.analyses.following import _Way
+from viscovib.analyses.motion_errors import SHOWN, weights_of
 from viscovib.analyses.period_map import PeriodMap, Ran
-from viscovib.analyses.shooting import SHOWN
 from viscovib.common.turns import extremes_of
 
 #: Distance of differences by the parameter, as a part of it; corrections behind which these stay.
@@ -75,7 +75,7 @@ class MotionPath:
     def units(self) -> FloatArray:
         """What a number of z is in the units of the state and the parameter."""
         reach = abs(self.way.finish - self.way.start)
-        return np.append(self.size / self.mapping.weights, reach)
+        return np.append(self.size / weights_of(self.mapping), reach)
 
     def _slopes(
         self, z: FloatArray, by_p: FloatArray | None, apart: float
@@ -183,7 +183,7 @@ class MotionPath:
         state = point.z[:-1] * self.units[:-1]
 
         def states_at(t: FloatArray) -> FloatArray:
-            return mapping.run(state, self.steps, times=t, beside=False).at_times
+            return mapping.run(state, self.steps, times=t, derivatives=False).at_times
 
         t = np.linspace(0.0, mapping.period, max(SHOWN, self.steps) + 1)
         states = states_at(t)

@@ -201,8 +201,9 @@ def _by_core(scene: Scene, planned: Plan) -> SceneResult:
     """Let the core do all of it: the tables of the standalone driver, read back."""
     kinds = [name for name, group in scene.groups.items() if name not in _SUBJECTS and group != []]
     kinds.sort(key=lambda name: (name == "event", name == "spectrum"))
-    many = next((name for name in ("basins", "ensemble") if name in scene.groups), None)
-    if many == "basins" or (many and scene.groups[many]["sections"]):
+    several = ("basins", "ensemble", "steady_motion")
+    many = next((name for name in several if name in scene.groups), None)
+    if many and (many != "ensemble" or scene.groups[many]["sections"]):
         first, *more = run_tables(scene, [many, f"{many}_1"], planned)
         return SceneResult(scene, first, switched=tuple(replace(x, kind=many) for x in more))
     first, *others = run_tables(scene, kinds, planned)

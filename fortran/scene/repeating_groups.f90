@@ -1,0 +1,104 @@
+!> The &steady_motion group of a scene.
+module viscovib_repeating_groups
+  use viscovib_checks, only: check_positive
+  use viscovib_group_reader, only: group_reader
+  use viscovib_kinds, only: wp
+  use viscovib_limits, only: max_time_tolerance, min_time_tolerance
+  use viscovib_method_catalogue, only: transient_methods
+  use viscovib_shooting, only: accuracy_type, most_periods
+  use viscovib_status, only: show, status_type
+  use viscovib_steady_motion_job, only: check_repeats, steady_motion_job
+  use viscovib_subject, only: subject_type
+  implicit none
+  private
+
+  public :: read_steady_motion
+
+  !> The relative error if no other is given.
+  real(wp), parameter :: usual_error = 1.0e-10_wp
+  !> Methods with derivatives: the first ones of the catalogue.
+  integer, parameter :: n_methods = 2
+
+contains
+
+  subroutine read_steady_motion(reader, subject, job)
+    type(group_reader), intent(inout) :: reader
+    type(subject_type), intent(in) :: subject
+    type(steady_motion_job), intent(out) :: job
+    type(status_type) :: status
+
+    call check_repeats(subject, job%kind(), status)
+    if (status%failed()) then
+      call reader%complain(job%kind(), status%message)
+      return
+    end if
+    job%nu = reader%read_real('nu')
+    if (reader%status%failed()) return
+    call check_positive('nu', job%nu, status)
+    call reader%place(status)
+    call read_search(reader, subject, job%n_periods, job%method, job%accuracy, job%initial)
+  end subroutine read_steady_motion
+
+  !> How a motion is found: `n_periods`, `method`, `initial`, and how accurate it is.
+  subroutine read_search(reader, subject, n_periods, method, accuracy, initial)
+    type(group_reader), intent(inout) :: reader
+    type(subject_type), intent(in) :: subject
+    integer, intent(out) :: n_periods, method
+    type(accuracy_type), intent(out) :: accuracy
+    !> Not allocated if it is not given.
+    real(wp), allocatable, intent(out) :: initial(:)
+    character(len=:), allocatable :: word
+
+    n_periods = 1
+    method = 1
+    if (reader%status%failed()) return
+    n_periods = reader%read_integer('n_periods', 1)
+    if (.not. reader%status%failed() .and. (n_periods < 1 .or. n_periods > most_periods)) then
+      call reader%complain('n_periods', 'n_periods = '//show(n_periods)//': must be 1 to ' &
+                           //show(most_periods))
+    end if
+    word = reader%read_text('method', trim(transient_methods(1)), transient_methods(:n_methods), &
+                            method)
+    call read_accuracy(reader, accuracy)
+    if (reader%status%failed()) return
+    if (reader%has('initial')) initial = reader%read_reals('initial', 2*size(subject%coordinates))
+  end subroutine read_search
+
+  !> `tolerance`, or in its place `rtol` and `atol`.
+  subroutine read_accuracy(reader, accuracy)
+    type(group_reader), intent(inout) :: reader
+    type(accuracy_type), intent(out) :: accuracy
+
+    if (reader%has('tolerance')) then
+      accuracy%absolute = reader%read_real('tolerance')
+      if (reader%has('rtol') .or. reader%has('atol')) then
+        call reader%complain('tolerance', 'tolerance = '//show(accuracy%absolute)//': is atol ' &
+                             //'alone, must not be given with rtol or atol')
+      end if
+      call check('tolerance', accuracy%absolute)
+      return
+    end if
+    if (reader%has('rtol') .or. .not. reader%has('atol')) then
+      accuracy%relative = reader%read_real('rtol', usual_error)
+      call check('rtol', accuracy%relative)
+    end if
+    if (.not. reader%has('atol')) return
+    accuracy%absolute = reader%read_real('atol')
+    if (accuracy%absolute > 0.0_wp .or. (reader%has('rtol') &
+                                         .and. .not. accuracy%absolute < 0.0_wp)) return
+    call reader%complain('atol', 'atol = '//show(accuracy%absolute)//': must be greater than 0, ' &
+                         //'or 0 with an rtol')
+
+  contains
+
+    subroutine check(key, value)
+      character(len=*), intent(in) :: key
+      real(wp), intent(in) :: value
+      if (value >= min_time_tolerance .and. value <= max_time_tolerance) return
+      call reader%complain(key, key//' = '//show(value)//': must be '//show(min_time_tolerance) &
+                           //' to '//show(max_time_tolerance))
+    end subroutine check
+
+  end subroutine read_accuracy
+
+end module viscovib_repeating_groups
