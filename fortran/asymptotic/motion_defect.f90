@@ -14,6 +14,7 @@
 !! added to U, and g is then the whole change. For a wave whose amplitude changes slowly, memory is
 !! represented by (1 - R)(s_h) and its first two derivatives.
 module viscovib_motion_defect
+  use viscovib_fourier, only: real_spectrum
   use viscovib_kinds, only: wp
   use viscovib_motion_lattice, only: angles_type, find_angles, lattice_of, list_orders, &
     max_angles, sample_motion
@@ -23,8 +24,6 @@ module viscovib_motion_defect
   private
 
   public :: defect_type, find_defect
-
-  real(wp), parameter :: two_pi = 6.283185307179586_wp
 
   !> In natural units, one column for each wave; of a wave and its conjugate, the one that
   !! has a negative frequency is omitted.
@@ -104,30 +103,37 @@ contains
                         defect%frequency(i), wp)
   end function exponent_of
 
-  !> The motion U and its derivatives at the points of the lattice, on top of y.
-  pure subroutine add_waves(angles, step, orders, defect, y)
+  !> The motion U and its derivatives at the points of the lattice, on top of y. All waves at once:
+  !! Re sum_t c_t exp(2 pi i t k/n) is Re C + Im D, with the transforms C and D of the real and the
+  !! imaginary parts of c.
+  subroutine add_waves(angles, step, orders, defect, y)
     type(angles_type), intent(in) :: angles
     integer, intent(in) :: step(:), orders(:, :)
     type(defect_type), intent(in) :: defect
     real(wp), intent(inout) :: y(:, :, 0:)
-    complex(wp) :: root(0:size(y, 1) - 1), s, u
-    real(wp) :: cosine(size(y, 1)), sine(size(y, 1))
-    integer :: points, turn, i, k, d, row
+    complex(wp), dimension(size(y, 1)/2 + 1) :: of_real, of_imaginary
+    complex(wp) :: c(0:size(y, 1) - 1), s(defect%n)
+    integer :: turn(defect%n), points, i, d, row
 
     points = size(y, 1)
-    root = [(exp(cmplx(0.0_wp, two_pi*k/points, wp)), k=0, points - 1)]
     do i = 1, defect%n
-      turn = modulo(sum(orders(:angles%n, i)*step(:angles%n)), points)
-      if (.not. any(abs(defect%u(:, i)) > 0.0_wp)) cycle
-      s = exponent_of(angles, orders, defect, i)
-      do k = 1, points
-        cosine(k) = real(root(modulo((k - 1)*turn, points)))
-        sine(k) = aimag(root(modulo((k - 1)*turn, points)))
-      end do
+      turn(i) = modulo(sum(orders(:angles%n, i)*step(:angles%n)), points)
+      s(i) = exponent_of(angles, orders, defect, i)
+    end do
+    do row = 1, size(y, 2)
       do d = 0, 2
-        do row = 1, size(y, 2)
-          u = 2.0_wp*defect%u(row, i)*s**d
-          y(:, row, d) = y(:, row, d) + (real(u)*cosine - aimag(u)*sine)
+        c = (0.0_wp, 0.0_wp)
+        do i = 1, defect%n
+          c(turn(i)) = c(turn(i)) + 2.0_wp*defect%u(row, i)*s(i)**d
+        end do
+        call real_spectrum(real(c), of_real)
+        call real_spectrum(aimag(c), of_imaginary)
+        do i = 1, points/2 + 1
+          y(i, row, d) = y(i, row, d) + (real(of_real(i)) + aimag(of_imaginary(i)))
+        end do
+        do i = points/2 + 2, points
+          y(i, row, d) = y(i, row, d) + (real(of_real(points + 2 - i)) &
+                                         - aimag(of_imaginary(points + 2 - i)))
         end do
       end do
     end do
@@ -215,14 +221,23 @@ contains
     logical, intent(in) :: rates_only
     type(defect_type), intent(inout) :: defect
     real(wp), intent(in), optional :: band
-    complex(wp) :: root(0:size(y, 1) - 1), rates(2*scales%normal%n_generators)
+    complex(wp), dimension(size(y, 1)/2 + 1, size(y, 2)) :: of_e, of_slope, of_bend
+    complex(wp) :: of_y(size(y, 1)/2 + 1, size(y, 2), 0:2), rates(2*scales%normal%n_generators)
     complex(wp) :: waves(scales%form%n), u(scales%form%n), s
     real(wp) :: slowest, whole(scales%flow%n_modes)
-    integer :: points, i, k
+    integer :: points, i, k, d
     logical :: acts(2*scales%normal%n_generators), singular
 
     points = size(y, 1)
-    root = [(exp(cmplx(0.0_wp, -two_pi*k/points, wp)), k=0, points - 1)]/points
+    do k = 1, scales%form%n
+      call real_spectrum(e(:, k), of_e(:, k))
+      if (.not. scales%form%has_memory()) cycle
+      call real_spectrum(w(:, k, 1), of_slope(:, k))
+      call real_spectrum(w(:, k, 2), of_bend(:, k))
+      do d = 0, 2
+        call real_spectrum(y(:, k, d), of_y(:, k, d))
+      end do
+    end do
     ! A kernel without an integral: the transform at a small s replaces that at 0.
     slowest = 0.0_wp
     if (scales%form%has_memory()) slowest = 1.0e-6_wp*maxval(abs(scales%flow%s))
@@ -247,27 +262,22 @@ contains
   contains
 
     subroutine take_waves()
-      complex(wp) :: phase(points), first(scales%form%n), second(scales%form%n), at
-      complex(wp) :: a_part(scales%form%n), retained(scales%form%n)
-      integer :: turn, row
+      complex(wp), dimension(scales%form%n) :: first, second, a_part, retained, slope
+      complex(wp) :: at
+      integer :: turn, d
       turn = modulo(sum(orders(:angles%n, i)*step(:angles%n)), points)
-      phase = [(root(modulo(k*turn, points)), k=0, points - 1)]
-      do row = 1, scales%form%n
-        waves(row) = sum(phase*e(:, row))
-      end do
+      waves = wave_of(of_e, turn)
       associate (form => scales%form)
         if (.not. form%has_memory()) return
         at = exponent_of(angles, orders, defect, i)
         at = cmplx(real(at), max(aimag(at), slowest), wp)
         retained = form%retained(at)
+        slope = wave_of(of_slope, turn)
+        first = slope - at*waves
+        second = wave_of(of_bend, turn) - 2.0_wp*at*slope + at**2*waves
         a_part = (0.0_wp, 0.0_wp)
-        do row = 1, form%n
-          first(row) = sum(phase*w(:, row, 1)) - at*waves(row)
-          second(row) = sum(phase*w(:, row, 2)) - 2.0_wp*at*sum(phase*w(:, row, 1)) &
-                        + at**2*waves(row)
-          a_part = a_part + form%linear(:, row, 0)*sum(phase*y(:, row, 0)) &
-                   + form%linear(:, row, 1)*sum(phase*y(:, row, 1)) &
-                   + form%linear(:, row, 2)*sum(phase*y(:, row, 2))
+        do d = 0, 2
+          a_part = a_part + matmul(form%linear(:, :, d), wave_of(of_y(:, :, d), turn))
         end do
         if (.not. defect%frequency(i) > 0.0_wp) then
           first = (0.0_wp, 0.0_wp)
@@ -279,6 +289,18 @@ contains
         where (form%kernel_of > 0) waves = a_part + retained*waves + first + second
       end associate
     end subroutine take_waves
+
+    !> Mean of a signal times exp(-2 pi i turn k/points), of each row.
+    pure function wave_of(spectrum, turn) result(wave)
+      complex(wp), intent(in) :: spectrum(:, :)
+      integer, intent(in) :: turn
+      complex(wp) :: wave(size(spectrum, 2))
+      if (turn <= points/2) then
+        wave = spectrum(turn + 1, :)/points
+      else
+        wave = conjg(spectrum(points - turn + 1, :))/points
+      end if
+    end function wave_of
 
   end subroutine answer_waves
 

@@ -92,51 +92,45 @@ contains
     integer, intent(in) :: step(:)
     complex(wp), intent(in) :: a(:)
     real(wp), intent(out) :: y(:, :, 0:), load(:, :)
-    complex(wp) :: g(0:2, 2*scales%normal%n_generators), wave(0:2, size(load, 2)), p(0:2)
-    complex(wp) :: turn(max_angles), root(0:size(y, 1) - 1), w(size(y, 2), 0:2)
-    integer :: k, i, d, points
+    complex(wp), dimension(size(y, 1), 0:2, 2*scales%normal%n_generators) :: g
+    complex(wp), dimension(size(y, 1), 0:2) :: of_two
+    complex(wp) :: wave(size(y, 1), 0:2, size(load, 2)), turn(size(y, 1), max_angles)
+    integer :: i, k, points, before(2)
     integer, allocatable :: pairs(:), triples(:)
     real(wp), allocatable :: of_pairs(:), of_triples(:)
 
     points = size(y, 1)
-    root = [(exp(cmplx(0.0_wp, two_pi*k/points, wp)), k=0, points - 1)]
+    do i = 1, angles%n
+      turn(:, i) = [(exp(cmplx(0.0_wp, two_pi*modulo(k*step(i), points)/points, wp)), &
+                     k=0, points - 1)]
+    end do
+    call generators_at(scales, angles, turn, a, g, wave)
+    load = real(wave(:, 0, :))
+    y = 0.0_wp
     associate (normal => scales%normal)
       call find_worthwhile(normal%u_pair, normal%pair, pairs, of_pairs)
       call find_worthwhile(normal%u_triple, normal%triple, triples, of_triples)
-      do k = 1, points
-        do i = 1, angles%n
-          turn(i) = root(modulo((k - 1)*step(i), points))
-        end do
-        call generators_at(scales, angles, turn, a, g, wave)
-        load(k, :) = real(wave(0, :))
-        w = (0.0_wp, 0.0_wp)
-        do i = 1, normal%n_generators
-          do d = 0, 2
-            w(:, d) = w(:, d) + (2.0_wp*g(d, i))*normal%right(:, i)
-          end do
-        end do
-        do i = 1, size(normal%weak)
-          do d = 0, 2
-            w(:, d) = w(:, d) + (2.0_wp*wave(d, normal%weak(i)))*normal%u_load(:, normal%weak(i))
-          end do
-        end do
-        do i = 1, size(pairs)
-          associate (f => normal%pair(:, pairs(i)))
-            p = of_pairs(i)*product_of(g(:, f(1)), g(:, f(2)))
-          end associate
-          do d = 0, 2
-            w(:, d) = w(:, d) + p(d)*normal%u_pair(:, pairs(i))
-          end do
-        end do
-        do i = 1, size(triples)
-          associate (f => normal%triple(:, triples(i)))
-            p = of_triples(i)*product_of(product_of(g(:, f(1)), g(:, f(2))), g(:, f(3)))
-          end associate
-          do d = 0, 2
-            w(:, d) = w(:, d) + p(d)*normal%u_triple(:, triples(i))
-          end do
-        end do
-        y(k, :, :) = real(w)
+      do i = 1, normal%n_generators
+        call add(g(:, :, i), 2.0_wp*normal%right(:, i), y)
+      end do
+      do i = 1, size(normal%weak)
+        call add(wave(:, :, normal%weak(i)), 2.0_wp*normal%u_load(:, normal%weak(i)), y)
+      end do
+      do i = 1, size(pairs)
+        associate (f => normal%pair(:, pairs(i)))
+          call add(product_of(g(:, :, f(1)), g(:, :, f(2))), &
+                   of_pairs(i)*normal%u_pair(:, pairs(i)), y)
+        end associate
+      end do
+      before = 0
+      do i = 1, size(triples)
+        associate (f => normal%triple(:, triples(i)))
+          ! Products with the same last two factors follow each other.
+          if (any(f(2:) /= before)) of_two = product_of(g(:, :, f(2)), g(:, :, f(3)))
+          before = f(2:)
+          call add(product_of(g(:, :, f(1)), of_two), &
+                   of_triples(i)*normal%u_triple(:, triples(i)), y)
+        end associate
       end do
     end associate
 
@@ -153,12 +147,12 @@ contains
       integer :: other(size(u, 2)), f(size(factors, 1)), q, i
       moves = .true.
       associate (n => size(a), m => scales%normal%n_generators)
-        moves(:n) = abs(a) > 0.0_wp
+        moves(:n) = a /= (0.0_wp, 0.0_wp)
         moves(m + 1:m + n) = moves(:n)
       end associate
       do q = 1, size(u, 2)
         wanted(q) = all(moves(factors(:, q)))
-        if (wanted(q)) wanted(q) = any(abs(u(:, q)) > 0.0_wp)
+        if (wanted(q)) wanted(q) = any(u(:, q) /= (0.0_wp, 0.0_wp))
         if (.not. wanted(q)) cycle
         f = [(scales%normal%conjugate_of(factors(i, q)), i=1, size(f))]
         if (size(f) == 2) then
@@ -174,65 +168,82 @@ contains
 
   end subroutine sample_motion
 
+  !> Add the real part of a wave with these coefficients to all unknowns and derivatives.
+  pure subroutine add(wave, u, y)
+    complex(wp), intent(in) :: wave(:, 0:), u(:)
+    real(wp), intent(inout) :: y(:, :, 0:)
+    integer :: d, row
+    do d = 0, 2
+      do row = 1, size(u)
+        y(:, row, d) = y(:, row, d) + (real(u(row))*real(wave(:, d)) - aimag(u(row)) &
+                                       *aimag(wave(:, d)))
+      end do
+    end do
+  end subroutine add
+
   !> Product of two, and its derivatives (Leibniz).
   pure function product_of(f, g) result(p)
-    complex(wp), intent(in) :: f(0:2), g(0:2)
-    complex(wp) :: p(0:2)
-    p = [f(0)*g(0), f(1)*g(0) + f(0)*g(1), f(2)*g(0) + 2.0_wp*f(1)*g(1) + f(0)*g(2)]
+    complex(wp), intent(in) :: f(:, 0:), g(:, 0:)
+    complex(wp) :: p(size(f, 1), 0:2)
+    p(:, 0) = f(:, 0)*g(:, 0)
+    p(:, 1) = f(:, 1)*g(:, 0) + f(:, 0)*g(:, 1)
+    p(:, 2) = f(:, 2)*g(:, 0) + 2.0_wp*(f(:, 1)*g(:, 1)) + f(:, 0)*g(:, 2)
   end function product_of
 
   !> Generators, waves of the loads, and their first two derivatives by the modulation
-  !! equations Y_j' = s_j Y_j + sum g_jM Y_M + ...
+  !! equations Y_j' = s_j Y_j + sum g_jM Y_M + ..., at all points.
   pure subroutine generators_at(scales, angles, turn, a, g, wave)
     type(multiple_scales_type), intent(in) :: scales
     type(angles_type), intent(in) :: angles
-    complex(wp), intent(in) :: turn(:), a(:)
-    complex(wp), intent(out) :: g(0:, :), wave(0:, :)
-    complex(wp) :: value, slope
+    complex(wp), intent(in) :: turn(:, :), a(:)
+    complex(wp), intent(out) :: g(:, 0:, :), wave(:, 0:, :)
+    complex(wp) :: value(size(turn, 1)), slope(size(turn, 1))
     integer :: d, i, j, k, m, n, q
 
     n = size(a)
     m = scales%normal%n_generators
-    associate (form => scales%form)
-      do k = 1, size(wave, 2)
-        wave(0, k) = (1.0_wp, 0.0_wp)
-        if (angles%of_load(k) > 0) wave(0, k) = turn(angles%of_load(k))
-        wave(1, k) = cmplx(0.0_wp, form%drives(k), wp)*wave(0, k)
-        wave(2, k) = cmplx(0.0_wp, form%drives(k), wp)*wave(1, k)
+    do k = 1, size(wave, 3)
+      wave(:, 0, k) = (1.0_wp, 0.0_wp)
+      if (angles%of_load(k) > 0) wave(:, 0, k) = turn(:, angles%of_load(k))
+      do d = 1, 2
+        wave(:, d, k) = cmplx(0.0_wp, scales%form%drives(k), wp)*wave(:, d - 1, k)
       end do
-    end associate
+    end do
     g = (0.0_wp, 0.0_wp)
     do j = 1, n
-      if (angles%of_mode(j) > 0) g(0, j) = a(j)*turn(angles%of_mode(j))
+      if (angles%of_mode(j) > 0) g(:, 0, j) = a(j)*turn(:, angles%of_mode(j))
     end do
-    g(:, n + 1:m) = wave(:, scales%normal%hard)
+    g(:, :, n + 1:m) = wave(:, :, scales%normal%hard)
     ! Each derivative follows from the one of lower order.
     do d = 1, 2
-      g(d, :n) = scales%flow%s*g(d - 1, :n)
+      do j = 1, n
+        g(:, d, j) = scales%flow%s(j)*g(:, d - 1, j)
+      end do
       do i = 1, size(scales%flow%terms)
         associate (t => scales%flow%terms(i))
           value = t%coefficient
           slope = (0.0_wp, 0.0_wp)
           do q = 1, 3
-            if (t%at(q) > 0) call multiply(value, slope, g(0, t%at(q)), g(1, t%at(q)))
-            if (t%at(q) < 0) call multiply(value, slope, conjg(g(0, -t%at(q))), &
-                                              conjg(g(1, -t%at(q))))
-            if (t%loads(q) > 0) call multiply(value, slope, wave(0, t%loads(q)), &
-                                              wave(1, t%loads(q)))
-            if (t%loads(q) < 0) call multiply(value, slope, conjg(wave(0, -t%loads(q))), &
-                                              conjg(wave(1, -t%loads(q))))
+            if (t%at(q) > 0) call multiply(value, slope, g(:, 0, t%at(q)), g(:, 1, t%at(q)))
+            if (t%at(q) < 0) call multiply(value, slope, conjg(g(:, 0, -t%at(q))), &
+                                              conjg(g(:, 1, -t%at(q))))
+            if (t%loads(q) > 0) call multiply(value, slope, wave(:, 0, t%loads(q)), &
+                                              wave(:, 1, t%loads(q)))
+            if (t%loads(q) < 0) call multiply(value, slope, conjg(wave(:, 0, -t%loads(q))), &
+                                              conjg(wave(:, 1, -t%loads(q))))
           end do
-          g(d, t%row) = g(d, t%row) + merge(value, slope, d == 1)
+          if (d == 1) g(:, d, t%row) = g(:, d, t%row) + value
+          if (d == 2) g(:, d, t%row) = g(:, d, t%row) + slope
         end associate
       end do
     end do
-    g(:, m + 1:) = conjg(g(:, :m))
+    g(:, :, m + 1:) = conjg(g(:, :, :m))
   end subroutine generators_at
 
   !> Multiply a product and its first derivative by another factor.
   pure subroutine multiply(value, slope, f, f_slope)
-    complex(wp), intent(inout) :: value, slope
-    complex(wp), intent(in) :: f, f_slope
+    complex(wp), intent(inout) :: value(:), slope(:)
+    complex(wp), intent(in) :: f(:), f_slope(:)
     slope = slope*f + value*f_slope
     value = value*f
   end subroutine multiply

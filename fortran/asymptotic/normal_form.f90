@@ -218,7 +218,7 @@ contains
     logical :: wanted(size(u, 2))
     integer :: i
     do i = 1, size(u, 2)
-      wanted(i) = any(abs(u(:n_dof, i)) > 0.0_wp)
+      wanted(i) = any(u(:n_dof, i) /= (0.0_wp, 0.0_wp))
     end do
     which = pack([(i, i=1, size(u, 2))], wanted)
   end function used

@@ -47,7 +47,7 @@ contains
       if (a /= b) load = 2.0_wp*load
       if (form%has_memory()) then
         self%n_pair(:, i) = -load
-        if (any(abs(load) > 0.0_wp)) load = load*form%retained(self%s_pair(i))
+        if (any(load /= (0.0_wp, 0.0_wp))) load = load*form%retained(self%s_pair(i))
       end if
       sides(:, i) = load
     end do
@@ -86,7 +86,7 @@ contains
       ! In a frame amplitudes are constant.
       if (self%framed) cycle
       do j = 1, g
-        if (.not. abs(self%g_pair(j, i)) > 0.0_wp) cycle
+        if (self%g_pair(j, i) == (0.0_wp, 0.0_wp)) cycle
         do k = 1, form%n_arguments
           associate (x => self%x_pair(k, i), r => self%right(form%source(k), j), &
                      rate => self%g_pair(j, i))
@@ -108,7 +108,7 @@ contains
     logical :: slow
 
     allocate (sides(form%n, size(self%triple, 2)))
-    slow = any(abs(self%g_pair) > 0.0_wp) .and. .not. self%framed
+    slow = any(self%g_pair /= (0.0_wp, 0.0_wp)) .and. .not. self%framed
     do i = 1, size(self%triple, 2)
       t = self%triple(:, i)
       other = self%place_of(self%conjugate_of(t(1)), self%conjugate_of(t(2)), &
@@ -131,7 +131,7 @@ contains
         end do
       end if
       if (form%has_memory()) then
-        if (any(abs(load) > 0.0_wp)) load = load*form%retained(self%s_triple(i))
+        if (any(load /= (0.0_wp, 0.0_wp))) load = load*form%retained(self%s_triple(i))
       end if
       if (slow) call slow_changes(self, form, i, load)
       sides(:, i) = load
@@ -215,13 +215,13 @@ contains
       rest = self%pair_at(t(modulo(q, 3) + 1), t(modulo(q + 1, 3) + 1))
       do p = 1, 2*self%n_generators
         rate = self%g_pair(p, rest)
-        if (.not. abs(rate) > 0.0_wp) cycle
+        if (rate == (0.0_wp, 0.0_wp)) cycle
         if (p == t(q)) rate = 2.0_wp*rate
         pair = self%pair_at(p, t(q))
         load = load - rate*matmul(form%operator_between(self%s_triple(i), self%s_pair(pair)), &
                                   self%u_pair(:, pair))
         do j = 1, 2*self%n_generators
-          if (.not. abs(self%g_pair(j, pair)) > 0.0_wp) cycle
+          if (self%g_pair(j, pair) == (0.0_wp, 0.0_wp)) cycle
           load = load - rate*self%g_pair(j, pair)*matmul( &
                  form%second_difference(self%s_triple(i), self%s_pair(pair), self%exponents(j)), &
                  self%right(:, j))

@@ -208,36 +208,37 @@ contains
     logical, intent(in) :: acts(:)
     complex(wp), intent(out) :: u(:), rates(:)
     logical, intent(out) :: singular
-    complex(wp) :: matrix(form%n + 2*max_modes, form%n + 2*max_modes)
-    complex(wp) :: x(form%n + 2*max_modes), slope(form%n, form%n)
-    integer :: modes(2*max_modes), n, m, a, i
+    integer :: a
 
     u = (0.0_wp, 0.0_wp)
     rates = (0.0_wp, 0.0_wp)
     singular = .false.
-    if (.not. any(abs(load) > 0.0_wp)) return
-    n = form%n
-    m = 0
-    do a = 1, 2*self%n_generators
-      if (.not. acts(a)) cycle
-      m = m + 1
-      modes(m) = a
-    end do
-    matrix(:n, :n) = form%operator_at(s)
-    x(:n) = load
-    do i = 1, m
-      slope = form%operator_between(s, self%exponents(modes(i)))
-      matrix(:n, n + i) = matmul(slope, self%right(:, modes(i)))
-      matrix(n + i, :n) = matmul(self%left(:, modes(i)), slope)
-      matrix(n + 1:n + m, n + i) = (0.0_wp, 0.0_wp)
-      x(n + i) = (0.0_wp, 0.0_wp)
-    end do
-    call solve_complex(matrix(:n + m, :n + m), x(:n + m), .false., singular)
-    if (singular) return
-    u = x(:n)
-    do i = 1, m
-      rates(modes(i)) = x(n + i)
-    end do
+    if (all(load == (0.0_wp, 0.0_wp))) return
+    call solve_bordered(pack([(a, a=1, size(acts))], acts))
+
+  contains
+
+    subroutine solve_bordered(modes)
+      integer, intent(in) :: modes(:)
+      complex(wp) :: matrix(form%n + size(modes), form%n + size(modes)), slope(form%n, form%n)
+      complex(wp) :: x(form%n + size(modes))
+      integer :: n, i
+      n = form%n
+      matrix = (0.0_wp, 0.0_wp)
+      matrix(:n, :n) = form%operator_at(s)
+      x(:n) = load
+      x(n + 1:) = (0.0_wp, 0.0_wp)
+      do i = 1, size(modes)
+        slope = form%operator_between(s, self%exponents(modes(i)))
+        matrix(:n, n + i) = matmul(slope, self%right(:, modes(i)))
+        matrix(n + i, :n) = matmul(self%left(:, modes(i)), slope)
+      end do
+      call solve_complex(matrix, x, .false., singular)
+      if (singular) return
+      u = x(:n)
+      rates(modes) = x(n + 1:)
+    end subroutine solve_bordered
+
   end subroutine answer
 
   !> First-order effect of load k at frequency p: its contribution to y and to the changes of

@@ -252,7 +252,7 @@ contains
     allocate (some(self%n_modes*size(sides, 2)))
     n = 0
     do i = 1, size(sides, 2)
-      if (.not. any(abs(sides(:, i)) > 0.0_wp)) cycle
+      if (all(sides(:, i) == (0.0_wp, 0.0_wp))) cycle
       if (order == 2) then
         s = self%s_pair(i)
       else

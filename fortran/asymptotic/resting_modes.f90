@@ -8,8 +8,8 @@
 !!   a_k' = sum_m P_km a_m + Q_kj conj(a_j) exp(i D t), and the same with j and k exchanged,
 !!
 !! where D = n.f - W_j - W_k. P is that of the modulation equations plus the residual of the modes'
-!! own exponents. A real and an imaginary amplitude of equal modulus distinguish Q from P. In a
-!! frame that rotates at D/2 the equations are autonomous: growth follows from one eigenproblem.
+!! own exponents. In a frame that rotates at D/2 the equations are autonomous: growth follows from
+!! one eigenproblem.
 module viscovib_resting_modes
   use viscovib_eigenvalues, only: eigenvalues
   use viscovib_flow_stability, only: real_matrix
@@ -30,7 +30,7 @@ module viscovib_resting_modes
   !> Largest width of such a tongue, relative to a mode's frequency.
   real(wp), parameter :: reach = 0.3_wp
   !> Amplitude of a mode at rest, relative to the motion.
-  real(wp), parameter :: little = 1.0e-4_wp
+  real(wp), parameter :: little = 3.0e-4_wp
   integer, parameter :: order = 3
   !> Relative distance from a mode within which waves contribute to its rate of change.
   real(wp), parameter :: still = 1.0e-7_wp
@@ -146,46 +146,81 @@ contains
     n(i) = 0
   end subroutine place
 
-  !> Mode j with a small real, then imaginary amplitude: rates of change by it and by its conjugate.
-  !! Differences between both signs of the amplitude remove the residual of the motion itself.
+  !> Add the effect of mode j with a small amplitude.
   subroutine probe(scales, full, a, j, pairs)
     type(multiple_scales_type), intent(in) :: scales
     class(full_system_type), intent(in), optional :: full
     complex(wp), intent(in) :: a(:)
     integer, intent(in) :: j
     type(pairs_type), intent(inout) :: pairs
-    type(defect_type) :: real_part, imaginary_part, opposite
-    complex(wp) :: b(size(a)), own, by_own, by_other
+    real(wp), allocatable :: frequency(:)
+    complex(wp), allocatable :: by_own(:, :), by_other(:, :)
     integer :: i, k
-    b = a
-    b(j) = little_of(scales, a)
-    if (.not. abs(b(j)) > 0.0_wp) return
-    call find_defect(scales, full, b, real_part, reach)
-    own = b(j)
-    b(j) = cmplx(0.0_wp, real(own), wp)
-    call find_defect(scales, full, b, imaginary_part, reach)
-    b(j) = -own
-    call find_defect(scales, full, b, opposite, reach)
-    if (.not. (real_part%known .and. imaginary_part%known .and. opposite%known)) return
-    do i = 1, real_part%n
-      do k = 1, size(a)
-        if (.not. pairs%asked(k)) cycle
-        associate (r => 0.5_wp*(real_part%rates(k, i) - opposite%rates(k, i)), &
-                   s => imaginary_part%rates(k, i) &
-                   - 0.5_wp*(real_part%rates(k, i) + opposite%rates(k, i)), &
-                   f => real_part%frequency(i), frame => scales%flow%frame)
-          by_own = 0.5_wp*(r - (0.0_wp, 1.0_wp)*s)/own
-          by_other = 0.5_wp*(r + (0.0_wp, 1.0_wp)*s)/own
-          if (k == j .and. abs(f - frame(j)) <= 1.0e-9_wp*frame(j)) then
-            pairs%by_a(j, j) = pairs%by_a(j, j) + by_own
+    call find_changes_by(scales, full, a, j, reach, frequency, by_own, by_other)
+    associate (frame => scales%flow%frame)
+      do i = 1, size(frequency)
+        if (abs(frequency(i) - frame(j)) <= 1.0e-9_wp*frame(j)) then
+          pairs%by_a(j, j) = pairs%by_a(j, j) + by_own(j, i)
+        end if
+        do k = 1, size(a)
+          if (.not. pairs%asked(k)) cycle
+          if (is_drive(pairs%angles, frequency(i) + frame(j), frame(j) + frame(k))) then
+            pairs%coupling(k, j) = by_other(k, i)
           end if
-          if (is_drive(pairs%angles, f + frame(j), frame(j) + frame(k))) then
-            pairs%coupling(k, j) = by_other
-          end if
+        end do
+      end do
+    end associate
+  end subroutine probe
+
+  !> Changes of all modes by the amplitude of mode j at rest and by its conjugate, from the residual
+  !! of a small amplitude of it in the full equations, for each wave of the residual. Two opposite
+  !! directions of the amplitude cancel the residual of the motion itself. Then the order of a wave
+  !! in the angle of the mode distinguishes both changes. If a load or another mode shares this
+  !! angle, four directions do.
+  subroutine find_changes_by(scales, full, a, j, band, frequency, by_own, by_other)
+    type(multiple_scales_type), intent(in) :: scales
+    !> As in `find_defect`.
+    class(full_system_type), intent(in), optional :: full
+    complex(wp), intent(in) :: a(:)
+    integer, intent(in) :: j
+    !> As in `find_defect`.
+    real(wp), intent(in) :: band
+    !> Size 0: they are not known.
+    real(wp), allocatable, intent(out) :: frequency(:)
+    !> Shape (n_modes, n_waves).
+    complex(wp), allocatable, intent(out) :: by_own(:, :), by_other(:, :)
+    type(defect_type) :: defect
+    complex(wp), parameter :: turns(4) = [(1.0_wp, 0.0_wp), (-1.0_wp, 0.0_wp), (0.0_wp, 1.0_wp), &
+                                          (0.0_wp, -1.0_wp)]
+    complex(wp) :: b(size(a))
+    real(wp) :: own
+    integer :: i, part, n_turns, order_of
+
+    allocate (frequency(0))
+    own = little_of(scales, a)
+    if (.not. own > 0.0_wp) return
+    n_turns = size(turns)
+    do part = 1, size(turns)
+      if (part > n_turns) exit
+      b = a
+      b(j) = turns(part)*own
+      call find_defect(scales, full, b, defect, band, rates_only=.true.)
+      if (.not. defect%known) return
+      if (part == 1) then
+        if (defect%own_angle(j) > 0) n_turns = 2
+        allocate (by_own(size(a), defect%n), by_other(size(a), defect%n), source=(0.0_wp, 0.0_wp))
+      end if
+      do i = 1, defect%n
+        order_of = 0
+        if (n_turns == 2) order_of = modulo(defect%orders(defect%own_angle(j), i), size(turns))
+        associate (rates => defect%rates(:, i)/(n_turns*own))
+          if (n_turns > 2 .or. order_of == 1) by_own(:, i) = by_own(:, i) + conjg(turns(part))*rates
+          if (n_turns > 2 .or. order_of == 3) by_other(:, i) = by_other(:, i) + turns(part)*rates
         end associate
       end do
     end do
-  end subroutine probe
+    frequency = defect%frequency
+  end subroutine find_changes_by
 
   !> A small amplitude of a mode at rest, relative to the motion or, if no mode moves, to the
   !! response to loads alone. A small number of natural units may be much larger than both.
@@ -333,10 +368,8 @@ contains
 
   end subroutine resting_error
 
-  !> Add the next order to the derivatives by the amplitude of mode j at rest: the residual of a
-  !! small amplitude of it in the full equations, as far as it is constant in a mode's frame. A turn
-  !! of the amplitude turns each wave by its order in the angle of the mode. Two of opposite sign
-  !! suffice where the angle is its own, as the orders are known then; else four.
+  !> Add the next order to the derivatives by the amplitude of mode j at rest: the changes that are
+  !! constant in a mode's frame.
   subroutine add_defect(scales, full, a, j, by_a, by_conjugate)
     type(multiple_scales_type), intent(in) :: scales
     !> As in `find_defect`.
@@ -344,42 +377,18 @@ contains
     complex(wp), intent(in) :: a(:)
     integer, intent(in) :: j
     complex(wp), intent(inout) :: by_a(:, :), by_conjugate(:, :)
-    type(defect_type) :: defect
-    !> Contributions to the rates of change by it and by its conjugate; the residual of the
-    !! motion itself cancels.
-    complex(wp), parameter :: turns(4) = [(1.0_wp, 0.0_wp), (-1.0_wp, 0.0_wp), (0.0_wp, 1.0_wp), &
-                                          (0.0_wp, -1.0_wp)]
-    complex(wp) :: b(size(a)), by_own(size(a)), by_other(size(a))
-    real(wp) :: own, f
-    integer :: i, k, part, n_turns, order_of
+    real(wp), allocatable :: frequency(:)
+    complex(wp), allocatable :: by_own(:, :), by_other(:, :)
+    integer :: i, k
 
-    own = little_of(scales, a)
-    if (.not. own > 0.0_wp) return
-    by_own = (0.0_wp, 0.0_wp)
-    by_other = (0.0_wp, 0.0_wp)
-    n_turns = size(turns)
-    do part = 1, size(turns)
-      if (part > n_turns) exit
-      b = a
-      b(j) = turns(part)*own
-      call find_defect(scales, full, b, defect, still, rates_only=.true.)
-      if (.not. defect%known) return
-      if (defect%own_angle(j) > 0) n_turns = 2
-      do i = 1, defect%n
-        order_of = 0
-        if (n_turns == 2) order_of = modulo(defect%orders(defect%own_angle(j), i), size(turns))
-        do k = 1, size(a)
-          f = scales%flow%frame(k)
-          if (abs(defect%frequency(i) - f) > still*f) cycle
-          associate (rate => defect%rates(k, i)/(n_turns*own))
-            if (n_turns > 2 .or. order_of == 1) by_own(k) = by_own(k) + conjg(turns(part))*rate
-            if (n_turns > 2 .or. order_of == 3) by_other(k) = by_other(k) + turns(part)*rate
-          end associate
-        end do
+    call find_changes_by(scales, full, a, j, still, frequency, by_own, by_other)
+    do i = 1, size(frequency)
+      do k = 1, size(a)
+        if (abs(frequency(i) - scales%flow%frame(k)) > still*scales%flow%frame(k)) cycle
+        by_a(k, j) = by_a(k, j) + by_own(k, i)
+        by_conjugate(k, j) = by_conjugate(k, j) + by_other(k, i)
       end do
     end do
-    by_a(:, j) = by_a(:, j) + by_own
-    by_conjugate(:, j) = by_conjugate(:, j) + by_other
   end subroutine add_defect
 
 end module viscovib_resting_modes

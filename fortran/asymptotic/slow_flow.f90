@@ -73,6 +73,7 @@ contains
     do i = 1, size(normal%pair, 2)
       scale = largest(n_loads(normal%pair(:, i)))
       do j = 1, normal%n_modes
+        if (normal%g_pair(j, i) == (0.0_wp, 0.0_wp)) cycle
         if (.not. abs(normal%g_pair(j, i)) > 1.0e-13_wp*scale) cycle
         call add([normal%pair(:, i), 0], normal%g_pair(j, i))
       end do
@@ -81,6 +82,7 @@ contains
     do i = 1, size(normal%triple, 2)
       scale = largest(n_loads(normal%triple(:, i)))
       do j = 1, normal%n_modes
+        if (normal%g_triple(j, i) == (0.0_wp, 0.0_wp)) cycle
         if (.not. abs(normal%g_triple(j, i)) > 1.0e-13_wp*scale) cycle
         call add(normal%triple(:, i), normal%g_triple(j, i))
       end do
@@ -99,6 +101,7 @@ contains
       integer :: k, loads
       largest = 0.0_wp
       do k = 1, size(factors, 2)
+        if (all(g(:normal%n_modes, k) == (0.0_wp, 0.0_wp))) cycle
         loads = n_loads(factors(:, k))
         largest(loads) = max(largest(loads), maxval(abs(g(:normal%n_modes, k))))
       end do

@@ -69,7 +69,8 @@ contains
     end do
   end subroutine spread_motion
 
-  !> The amplitude at which nonlinear terms are as large as the loads or the detuning.
+  !> The smallest amplitude at which nonlinear terms of one degree are as large as the loads or the
+  !! detuning.
   pure real(wp) function natural_unit(flow, active) result(unit)
     type(slow_flow_type), intent(in) :: flow
     !> Numbers of the modes that move.
@@ -100,14 +101,11 @@ contains
         end select
       end associate
     end do
-    unit = 0.0_wp
+    unit = huge(unit)
     if (quadratic > 0.0_wp) unit = max(sqrt(load/quadratic), linear/quadratic)
-    if (cubic > 0.0_wp .and. .not. unit > 0.0_wp) then
-      unit = max((load/cubic)**(1.0_wp/3.0_wp), sqrt(linear/cubic))
-    end if
-    if (.not. unit > 0.0_wp) unit = 1.0_wp
+    if (cubic > 0.0_wp) unit = min(unit, max((load/cubic)**(1.0_wp/3.0_wp), sqrt(linear/cubic)))
     if (.not. (quadratic > 0.0_wp .or. cubic > 0.0_wp) .and. linear > 0.0_wp) unit = load/linear
-    if (.not. unit > 0.0_wp) unit = 1.0_wp
+    if (.not. (unit > 0.0_wp .and. unit < huge(unit))) unit = 1.0_wp
   end function natural_unit
 
   !> x_j |sigma_j + sum_k gamma_jk x_k|^2 - |g_j|^2 = 0 for the squares in units.

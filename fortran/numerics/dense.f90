@@ -284,7 +284,7 @@ contains
     complex(wp), intent(inout) :: x(:)
     logical, intent(in) :: nudge
     logical, intent(out) :: singular
-    complex(wp) :: a(size(x), size(x)), row(size(x)), entry, factor
+    complex(wp) :: a(size(x), size(x)), row(size(x)), entry, factor, pivot
     real(wp) :: smallest
     integer :: n, i, k, p
 
@@ -292,7 +292,7 @@ contains
     a = matrix
     smallest = merge(epsilon(1.0_wp)*maxval(abs(a)), 0.0_wp, nudge)
     do k = 1, n
-      p = k - 1 + maxloc(abs(a(k:, k)), 1)
+      p = k - 1 + maxloc(abs(real(a(k:, k))) + abs(aimag(a(k:, k))), 1)
       if (p /= k) then
         row(k:) = a(p, k:)
         a(p, k:) = a(k, k:)
@@ -304,8 +304,9 @@ contains
       if (nudge .and. .not. abs(a(k, k)) > smallest) a(k, k) = smallest
       singular = .not. (abs(a(k, k)) > 0.0_wp .and. abs(a(k, k)) <= huge(1.0_wp))
       if (singular) return
+      pivot = 1.0_wp/a(k, k)
       do i = k + 1, n
-        factor = a(i, k)/a(k, k)
+        factor = a(i, k)*pivot
         a(i, k + 1:) = a(i, k + 1:) - factor*a(k, k + 1:)
         x(i) = x(i) - factor*x(k)
       end do

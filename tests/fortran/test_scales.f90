@@ -12,7 +12,9 @@ module test_scales
   use viscovib_polynomial_form, only: polynomial_form_type, term_type
   use viscovib_resonances, only: list_resonances
   use viscovib_scales_response, only: response_along, steady_points_type, vary_frequency
+  use viscovib_slow_flow, only: flow_term_type, slow_flow_type
   use viscovib_status, only: status_type
+  use viscovib_steady_equations, only: natural_unit
   implicit none
   private
 
@@ -26,6 +28,7 @@ contains
     call pendulum()
     call count_of_resonances()
     call all_steady_motions()
+    call unit_of_amplitudes()
   end subroutine run_scales
 
   !> q'' + c q' + w^2 q + al q^3 = f cos(p t).
@@ -194,5 +197,20 @@ contains
     call check(all(counts == 9), 'nine of each member')
     call check(worst < 1.0e-10_wp, 'residuals')
   end subroutine all_steady_motions
+
+  !> A weak quadratic term does not change the unit in which a strong cubic term limits the motion.
+  subroutine unit_of_amplitudes()
+    type(slow_flow_type) :: flow
+    real(wp) :: cubic_alone
+    if (.not. begin('unit of amplitudes')) return
+    flow%n_modes = 1
+    flow%s = [(-0.01_wp, 1.0_wp)]
+    flow%frame = [1.02_wp]
+    flow%terms = [flow_term_type(1, [0, 0, 0], (0.0_wp, 1.0e-3_wp)), &
+                  flow_term_type(1, [1, 1, -1], (0.0_wp, 0.5_wp))]
+    cubic_alone = natural_unit(flow, [1])
+    flow%terms = [flow%terms, flow_term_type(1, [1, -1, 0], (0.0_wp, 1.0e-5_wp))]
+    call check_close(natural_unit(flow, [1]), cubic_alone, 1.0e-12_wp, 'unit')
+  end subroutine unit_of_amplitudes
 
 end module test_scales
