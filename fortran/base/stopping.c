@@ -1,6 +1,14 @@
 /* What bounds on a whole program share with the library: whether it shall stop, and the file in the
    making, to be removed if it ends at once. */
+#define _GNU_SOURCE
 #include <string.h>
+#if defined(__unix__) || defined(__APPLE__)
+#include <pthread.h>
+#include <signal.h>
+#include <sys/syscall.h>
+#include <unistd.h>
+#define HAS_SIGNALS
+#endif
 
 enum { longest = 4200 };
 
@@ -25,5 +33,77 @@ static _Thread_local const volatile int *listened = 0;
 
 void viscovib_listen(const volatile int *flag) { listened = flag; }
 
+/* Ctrl-C and the like during a call of Python's main thread, which Python itself hears only after
+   the call. */
+static volatile int interrupted = 0;
+static _Thread_local int hears = 0;
+
+#ifdef HAS_SIGNALS
+enum { n_signals = 4 };
+static const int signals[n_signals] = {SIGINT, SIGTERM, SIGALRM, SIGHUP};
+static struct sigaction others[n_signals];
+
+static void hear(int number, siginfo_t *info, void *context) {
+  int i;
+  interrupted = 1;
+  for (i = 0; i < n_signals; ++i) {
+    if (signals[i] != number) continue;
+    if (others[i].sa_flags & SA_SIGINFO) {
+      others[i].sa_sigaction(number, info, context);
+    } else {
+      others[i].sa_handler(number);
+    }
+  }
+}
+
+/* Whether the program handles a signal by itself. */
+static int is_handled(const struct sigaction *action) {
+  return (action->sa_flags & SA_SIGINFO)
+         || (action->sa_handler != SIG_DFL && action->sa_handler != SIG_IGN);
+}
+
+static int is_main_thread(void) {
+#ifdef __APPLE__
+  return pthread_main_np();
+#else
+  return syscall(SYS_gettid) == getpid();
+#endif
+}
+
+/* Let signals that the program handles end loops of this call, too, if this is the main thread.
+   1: they do. */
+int viscovib_hear(void) {
+  struct sigaction own;
+  int i;
+  if (hears || !is_main_thread()) return 0;
+  memset(&own, 0, sizeof own);
+  own.sa_sigaction = hear;
+  own.sa_flags = SA_SIGINFO | SA_ONSTACK;
+  sigemptyset(&own.sa_mask);
+  interrupted = 0;
+  for (i = 0; i < n_signals; ++i) {
+    sigaction(signals[i], 0, &others[i]);
+    if (is_handled(&others[i])) sigaction(signals[i], &own, 0);
+  }
+  hears = 1;
+  return 1;
+}
+
+/* After the call: 1 if there was such a signal. */
+int viscovib_heard(void) {
+  int i;
+  for (i = 0; i < n_signals; ++i) {
+    if (is_handled(&others[i])) sigaction(signals[i], &others[i], 0);
+  }
+  hears = 0;
+  return interrupted;
+}
+#else
+int viscovib_hear(void) { return 0; }
+int viscovib_heard(void) { return 0; }
+#endif
+
 /* Whether the whole program or this thread shall stop. */
-int viscovib_stop_wanted(void) { return viscovib_stop != 0 || (listened && *listened != 0); }
+int viscovib_stop_wanted(void) {
+  return viscovib_stop != 0 || (listened && *listened != 0) || (hears && interrupted);
+}

@@ -1,10 +1,10 @@
 ! The routines of the core for f2py: `viscovib_calls` explains their arguments.
 
-!> Do a task, its values packed.
+!> Do a task, its values packed. The status is -1 after a signal: nothing is kept.
 subroutine begin_call(text, integers, n_integers, numbers, n_numbers, cancel, handle, sizes, status)
   use, intrinsic :: iso_c_binding, only: c_double, c_int, c_int64_t
   use viscovib_binding_tools, only: report
-  use viscovib_calls, only: begin => begin_call
+  use viscovib_calls, only: begin => begin_call, free => free_object
   use viscovib_status, only: status_type
   implicit none
   character(len=*), intent(in) :: text
@@ -16,9 +16,25 @@ subroutine begin_call(text, integers, n_integers, numbers, n_numbers, cancel, ha
   integer(c_int), intent(out) :: status
   !f2py threadsafe
   type(status_type) :: outcome
+  logical :: hears
 
+  interface
+    integer(c_int) function hear() bind(c, name='viscovib_hear')
+      import :: c_int
+    end function hear
+    integer(c_int) function heard() bind(c, name='viscovib_heard')
+      import :: c_int
+    end function heard
+  end interface
+
+  hears = hear() /= 0
   call begin(text, integers, numbers, cancel(1), handle, sizes, outcome)
   call report(outcome, status)
+  if (.not. hears) return
+  if (heard() == 0) return
+  if (handle /= 0) call free(handle, outcome)
+  handle = 0
+  status = -1
 end subroutine begin_call
 
 !> What a task found, packed; its handle is freed where keep is 0.

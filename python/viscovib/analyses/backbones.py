@@ -311,7 +311,7 @@ def oscillator_backbone(
         if coordinates is not None:
             raise InputError("coordinates: can be chosen for a structure only, must be None")
         handle = system._handle
-    found = _native.apart(
+    found = _native.interruptible(
         lambda: _native.run(
             "backbone oscillator", handle, mode=j, dof=place, name=dof or "",
             harmonics=0 if chosen else highest, **curve.along(*ends),

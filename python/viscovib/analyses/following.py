@@ -202,7 +202,7 @@ def trace_mount(
     _check_size(curve.max_points, job.n_dof, orders.size)
     begin = _begin(system, way, job, loaded, orders, leave, opposite, begun)
     along = way.along(job)
-    found = along.run_apart(
+    found = along.run_long(
         "branch follow", **curve.along(way.start, way.finish, stops=stops),
         harmonics=prepared["harmonics"], symmetric=keeps, stability=judged, **begin,
     )  # fmt: skip

@@ -298,7 +298,7 @@ class MultipleScales:
     def _found(self, task: str, **values: Any) -> dict[str, Any]:
         """Run a task about the expansion so that Ctrl-C is heard."""
         handle, tolerance = self._form.handle, float(self._tolerance)
-        return _native.apart(
+        return _native.interruptible(
             lambda: _native.run(f"scales {task}", handle, tolerance=tolerance, **values)
         )
 

@@ -199,7 +199,7 @@ class _Work:
         fast = options["method"] == "auto" and self.is_polynomial
         most = _LONG_POLYNOMIAL if fast else _LONG
         long = options["stability"] or self.frequencies.size * unknowns**2 > most
-        run = self.job.run_apart if long else self.job.run
+        run = self.job.run_long if long else self.job.run
         with progress_bar(self.frequencies.size, "nu", show) as bar:
             found = run("response solve", nu=self.frequencies, **options)
             bar.update(self.frequencies.size)
@@ -216,7 +216,7 @@ class _Work:
         """Run again with these harmonics, and keep each iterate: shape (1 + longest, n, ...)."""
         options = {**self.options, "method": "successive", "harmonics": orders}
         options["max_iterations"] = max(longest, 1)
-        found = self.job.run_apart("response solve", nu=self.frequencies, iterates=True, **options)[
+        found = self.job.run_long("response solve", nu=self.frequencies, iterates=True, **options)[
             "iterates"
         ]
         return np.asarray(np.moveaxis(found.T, 1, 0))

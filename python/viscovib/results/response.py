@@ -572,7 +572,7 @@ def find_peak(
 
     ``motions``: absolute, shape (n, n_dof, m); ``place``: of coordinate and order, from 0.
     """
-    found = job.run_apart(
+    found = job.run_long(
         "response peak", kept=orders, p=p, samples=motions.T, dof=place[0] + 1,
         place=place[1] + 1, tolerance=tolerance, **more,
     )  # fmt: skip

@@ -22,7 +22,7 @@ def sampling_errors(result: Any, job: Job, p: FloatArray, y: ComplexArray) -> Fl
     """
     used = np.searchsorted(result.harmonics, result.highest, side="right")
     used[~np.isfinite(y).all(axis=(1, 2)) | (result.highest <= 0)] = 0
-    errors = job.run_apart(
+    errors = job.run_long(
         "response sampling_errors", kept=result.harmonics, p=p, motions=y.T, used=used
     )["errors"]
     return np.where(errors < 0, np.nan, errors)
@@ -45,7 +45,7 @@ def rounding_errors(result: Any, job: Job, y: ComplexArray, *, linear: bool) -> 
     used = np.searchsorted(kept, result.highest, side="right")
     # The highest order of rest, and of a mean alone, is 0, as where nothing was found.
     used[~np.isfinite(y).all(axis=(1, 2)) | ~result.converged] = 0
-    errors = job.run_apart(
+    errors = job.run_long(
         "response rounding_errors", kept=kept, nu=result.nu, motions=y.T, used=used, linear=linear
     )["errors"]
     return np.where(errors < 0, np.nan, errors)

@@ -102,7 +102,9 @@ def run_tables(scene: Scene, kinds: Sequence[str], plan: Plan) -> list[TableResu
     """
     with TemporaryDirectory(prefix="viscovib") as folder:
         given = {"path": os.fsencode(scene.path), "text": scene.canonical.encode()}
-        found = _native.apart(lambda: _native.run("scene run", **given, folder=os.fsencode(folder)))
+        found = _native.interruptible(
+            lambda: _native.run("scene run", **given, folder=os.fsencode(folder))
+        )
         complete, told = bool(found["complete"]), found["summary"]
         return [
             _read(scene, kind, Path(folder), plan, complete=complete, told=told)

@@ -61,8 +61,12 @@ class Job:
         return _native.run(task, self.system, **self.given, **values)
 
     def run_apart(self, task: str, **values: Any) -> dict[str, Any]:
-        """Run a task that may take long, so that Ctrl-C is heard."""
+        """Run a task of pieces that may take long, so that Ctrl-C is heard."""
         return _native.apart(lambda: self.run(task, **values))
+
+    def run_long(self, task: str, **values: Any) -> dict[str, Any]:
+        """Run a task of many short pieces, so that Ctrl-C is heard."""
+        return _native.interruptible(lambda: self.run(task, **values))
 
 
 def fourier_coefficients(samples: npt.ArrayLike, orders: int) -> dict[int, complex]:
