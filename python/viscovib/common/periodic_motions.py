@@ -66,7 +66,8 @@ class PeriodicMotions:
     def coefficient(self, dof: int | str, harmonic: int = 1) -> ComplexArray:
         """Return X_k of one coordinate, shape (n,)."""
         _, orders, coefficients = self._motions()
-        where = np.flatnonzero(orders == harmonic) if np.isscalar(harmonic) else np.empty(0)
+        is_number = isinstance(harmonic, (int, float, np.integer, np.floating))
+        where = np.flatnonzero(orders == harmonic) if is_number else np.empty(0)
         if not where.size:
             kept = ", ".join(map(str, orders))
             raise InputError(
