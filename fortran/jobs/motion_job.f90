@@ -163,7 +163,8 @@ contains
     do i = 1, size(shares)
       row = trajectory%row_of(self%transformed(i))
       shares(i) = aliased_share(trajectory%states(row, first:), &
-                                trajectory%states(row + 1, first:), trajectory%t(2))
+                                trajectory%states(row + 1, first:), &
+                                trajectory%t(2) - trajectory%t(1))
     end do
   end function aliased_shares
 
@@ -179,7 +180,7 @@ contains
     integer :: i
 
     text = ''
-    step = trajectory%t(2)
+    step = trajectory%t(2) - trajectory%t(1)
     do i = 1, size(shares)
       if (.not. is_aliased(shares(i), kept)) cycle
       text = text//'; states '//show(step)//' apart are too far for the spectrum of ' &
@@ -368,7 +369,7 @@ contains
 
     if (counting) call count_up(counted_columns, size(self%transformed))
     first = size(trajectory%t) - kept + 1
-    step = trajectory%t(min(2, size(trajectory%t)))
+    step = trajectory%t(min(2, size(trajectory%t))) - trajectory%t(1)
     allocate (spectrum(0:kept/2))
     call table%note('window '//trim(window_names(self%window))//'; omega in rad per unit of ' &
                     //'time, phases in rad at the first sample')

@@ -28,8 +28,11 @@ module viscovib_motion_request
     integer :: method = 1
     !> Steps between states kept.
     integer :: save_every = 1
-    !> Keep the state at the end alone.
+    !> Keep the state at the end alone; those of so long a time at the end, 0: all.
     logical :: last_only = .false.
+    real(wp) :: tail = 0.0_wp
+    !> Times at which states are kept, ascending; not allocated: at the ends of steps.
+    real(wp), allocatable :: times(:)
     !> Where every state is kept: so many that peaks between them are low.
     logical :: fills = .true.
     !> Wanted error relative to the largest value of each coordinate and velocity, on top

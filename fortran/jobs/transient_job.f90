@@ -48,6 +48,8 @@ contains
     type(status_type), intent(out) :: status
     type(shared_type), target :: shared
     type(search_type) :: search
+    !> Two runs differ by the states kept, of which peaks between them are not judged.
+    class(transient_job), allocatable :: judged
     real(wp) :: n
     integer :: i
 
@@ -58,7 +60,12 @@ contains
     if (runs%first%is_watched) runs%first%watched => job%watched
     runs%t_end = job%t_end
     runs%last_only = job%last_only
-    runs%looks = job%last_only .and. .not. job%dt > 0.0_wp
+    runs%tail = job%tail
+    runs%at_times = allocated(job%times)
+    if (runs%at_times) runs%first%times => job%times
+    allocate (judged, source=job)
+    judged%last_only = job%last_only .or. runs%at_times .or. job%tail > 0.0_wp
+    runs%looks = judged%last_only .and. .not. job%dt > 0.0_wp
     runs%rows = [(i, i=1, size(job%initial))]
     n = first_steps(job, min(wanted, 2.0_wp*max_steps))
     call check_work(job, n, status)
@@ -69,7 +76,7 @@ contains
       call runs%make(job, int(n, i8), 1, 1, trajectory, status)
       return
     end if
-    call find_step(runs, job, int(n, i8), search, status)
+    call find_step(runs, judged, int(n, i8), search, status)
     if (status%failed()) return
     if (search%verdict == step_found) then
       trajectory = search%run

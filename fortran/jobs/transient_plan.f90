@@ -2,7 +2,7 @@
 module viscovib_transient_plan
   use viscovib_kinds, only: wp
   use viscovib_method_catalogue, only: method_order, transient_methods
-  use viscovib_status, only: show
+  use viscovib_status, only: show, things
   use viscovib_transient_job, only: first_steps, transient_job
   implicit none
   private
@@ -40,6 +40,10 @@ contains
     end if
     if (job%last_only) text = text//'skips: storing states on the way (only the last is ' &
                               //'asked for)'//nl
+    if (job%tail > 0.0_wp) text = text//'skips: storing states before the last ' &
+                                  //show(job%tail)//' (not asked for)'//nl
+    if (allocated(job%times)) text = text//'skips: storing other states than those at ' &
+                                     //things(size(job%times), 'time')//' (not asked for)'//nl
     if (job%save_every > 1) text = text//'skips: storing all but one state in ' &
                                    //show(job%save_every)//' (the others are not asked for)'//nl
   end function plan_steps

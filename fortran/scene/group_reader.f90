@@ -27,6 +27,7 @@ module viscovib_group_reader
   contains
     procedure :: start
     procedure :: has
+    procedure :: may_have
     procedure :: read_real
     procedure :: read_integer
     procedure :: read_count
@@ -65,6 +66,14 @@ contains
     character(len=*), intent(in) :: key
     has = self%group%find(key) > 0
   end function has
+
+  !> Whether a key is there, which the group may have.
+  logical function may_have(self, key)
+    class(group_reader), intent(inout) :: self
+    character(len=*), intent(in) :: key
+    may_have = self%has(key)
+    if (.not. may_have) self%known = [character(len=longest) :: self%known, key]
+  end function may_have
 
   !> Fail at the line of a key.
   subroutine complain(self, key, message, category)

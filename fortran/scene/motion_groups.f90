@@ -1,6 +1,6 @@
 !> The &transient and &spectrum groups of a scene.
 module viscovib_motion_groups
-  use viscovib_checks, only: check_positive
+  use viscovib_checks, only: check_increasing, check_positive
   use viscovib_driven_system, only: driven_system_type
   use viscovib_group_reader, only: group_reader
   use viscovib_hereditary_job, only: hereditary_job, hereditary_methods, past_names
@@ -121,16 +121,37 @@ contains
     end if
   end subroutine read_accuracy
 
-  !> Whether states are kept all along or at the end only.
+  !> Whether states are kept all along, at the end only, of a time before the end, or at given times.
   subroutine read_keep(reader, job)
     type(group_reader), intent(inout) :: reader
     class(transient_job), intent(inout) :: job
+    type(status_type) :: status
     character(len=:), allocatable :: word
     integer :: place
 
     place = 1
-    word = reader%read_text('keep', 'all', [character(len=4) :: 'all', 'last'], place)
+    word = reader%read_text('keep', 'all', [character(len=4) :: 'all', 'last', 'tail'], place)
     job%last_only = place == 2
+    if (place == 3) then
+      job%tail = reader%read_real('tail')
+      if (.not. reader%status%failed()) call check_positive('tail', job%tail, status)
+      if (.not. reader%status%failed()) call reader%place(status)
+    else if (reader%may_have('tail')) then
+      call reader%complain('tail', "tail: must be given with keep = 'tail', and only then")
+    end if
+    if (reader%may_have('times')) then
+      job%times = reader%read_reals('times')
+      if (reader%status%failed()) return
+      call check_increasing('times', job%times, status)
+      call reader%place(status)
+      if (place /= 1 .or. job%save_every /= 1) then
+        call reader%complain('times', 'times: cannot be given together with save_every or keep')
+      else if (job%times(1) < 0.0_wp .or. job%times(size(job%times)) > job%t_end) then
+        call reader%complain('times', 'times = '//show(job%times(1))//' to ' &
+                             //show(job%times(size(job%times)))//': must be between 0 and t_end = ' &
+                             //show(job%t_end))
+      end if
+    end if
     if (job%last_only .and. job%save_every /= 1) then
       call reader%complain('save_every', 'save_every = '//show(job%save_every)//': must be 1 ' &
                            //"with keep = 'last'")
@@ -162,6 +183,10 @@ contains
     if (transient%last_only) then
       call reader%complain('spectrum', "&spectrum: needs the states all along, and &transient " &
                            //"has keep = 'last'")
+    end if
+    if (allocated(transient%times)) then
+      call reader%complain('spectrum', '&spectrum: needs states at equal steps, and &transient ' &
+                           //'has times')
     end if
     if (job%discard < 0.0_wp .or. job%discard >= transient%t_end) then
       call reader%complain('discard', 'discard = '//show(job%discard)//': must not be negative ' &

@@ -356,3 +356,58 @@ def test_no_message_prints_a_number_that_was_not_measured(solve, tmp_path):
     assert said in done.stderr
     with pytest.raises(vv.InputError, match=re.escape(said)):
         vv.run(scene)
+
+
+KEPT = {
+    "mount": GOOD.split("&load")[0] + "&load amplitude=0.3 /\n&transient nu=1.5",
+    "pendulum": "&pendulum e=0.1, w2=0.4, w3=0.8, c1=0.01, f0=0.005, p1=0.93 /\n"
+    "&transient initial=0.05 0 0.3 0 -0.2 0",
+    "system": "&system coordinates='x', mass=1, stiffness=1, damping=0.1 /\n"
+    "&force on='x', powers=3, coefficient=0.5 /\n&load on='x', amplitude=0.3 /\n"
+    "&transient initial=0 0, nu=1.1",
+}
+
+
+@pytest.mark.parametrize("name", KEPT)
+@pytest.mark.parametrize(
+    "kept",
+    [
+        "times=0.5 1.234 7 19.9", "keep='tail', tail=3.3", "dt=0.1, times=0 0.5 1.234 7 20",
+        "dt=0.1, keep='tail', tail=3.3", "keep='tail', tail=3.3, save_every=2",
+    ],
+)  # fmt: skip
+def test_states_at_times_and_of_the_end(solve, tmp_path, name, kept):
+    scene = tmp_path / "kept.nml"
+    scene.write_text(f"{KEPT[name]}, t_end=20, {kept} /\n")
+    assert solve(scene, "--out", tmp_path).returncode == 0
+    table = read_csv(tmp_path / "kept_transient.csv")
+    run = vv.run(scene).trajectory
+    found = np.stack([np.atleast_1d(table[column]) for column in table.dtype.names], axis=1)
+    assert found.shape == (run.t.size, 1 + run.state.shape[1])
+    assert np.abs(found - np.column_stack([run.t, run.state])).max() < 1e-13
+    wanted = [float(t) for t in kept.split("times=")[-1].split()] if "times" in kept else None
+    assert run.t[-1] == 20 if wanted is None else list(run.t) == wanted
+    if wanted is None:
+        assert 0 < run.t[0] <= 20 - 3.3
+    assert str(vv.plan(scene)).splitlines() == solve(scene, "--plan").stdout.splitlines()
+
+
+@pytest.mark.parametrize(
+    ("more", "told"),
+    [
+        ("tail=1", "tail: must be given with keep = 'tail', and only then"),
+        ("keep='tail'", "&transient lacks tail"),
+        ("keep='tail', tail=-1", "tail = -1: must be greater than 0"),
+        ("times=3 2", "times (value 2) = 2 after 3: must be strictly increasing"),
+        ("tims=3 2", "unknown key 'tims' in &transient; did you mean 'times'?"),
+        ("times=1 30", "times = 1 to 30: must be between 0 and t_end = 20"),
+        ("times=1 3, keep='last'", "times: cannot be given together with save_every or keep"),
+        ("times=1 3 /\n&spectrum", "needs states at equal steps, and &transient has times"),
+    ],
+)  # fmt: skip
+def test_refused_times(solve, tmp_path, more, told):
+    scene = tmp_path / "kept.nml"
+    scene.write_text(f"{KEPT['pendulum']}, t_end=20, {more} /\n")
+    out = tmp_path / "out"
+    out.mkdir()
+    check_failure(solve(scene, "--out", out), 2, told, out)

@@ -144,7 +144,7 @@ SEEDS = {
     "system_motion": """&system coordinates='x' mass=1 stiffness=1 damping=0.1 /
 &force coefficient=1 powers=3 /
 &load amplitude=0.3 /
-&transient initial=0.1 0 nu=1.2 t_end=10 tolerance=1e-6 /
+&transient initial=0.1 0 nu=1.2 t_end=10 tolerance=1e-6 times=0.3 4 9.5 /
 """,
     "law": """&system coordinates='x' 'y' mass=1 0.1 stiffness=1.2 -0.2 -0.2 0.2
   damping=0.03 -0.01 -0.01 0.01 /
@@ -160,7 +160,7 @@ SEEDS = {
 &transient initial=0.1 0 nu=1.2 t_end=10 dt=0.1 /
 """,
     "pendulum": """&pendulum e=0.1 w2=0.4 w3=0.8 alpha=0.5 c1=0.01 f0=0.005 p1=0.93 /
-&transient initial=0.05 0 0.3 0 -0.2 0 t_end=20 dt=0.25 /
+&transient initial=0.05 0 0.3 0 -0.2 0 t_end=20 dt=0.25 keep='tail' tail=5 /
 &spectrum window='hann' discard=5 /
 &event function='phi - 0.1*sin(t)' direction='up' /
 """,
@@ -196,7 +196,7 @@ SEEDS = {
 &element on='x1' law='5*max(d - 0.1, 0) + 0.3*d' kernel=1 /
 &element on='x2' law='0.2*sign(v)' kernel=0 /
 &load on='x1' amplitude=0.8 /
-&transient t_end=3 nu=0.9 tolerance=1e-6 /
+&transient t_end=3 nu=0.9 tolerance=1e-6 times=0 1 3 /
 """,
 }  # fmt: skip
 

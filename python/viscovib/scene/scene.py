@@ -378,6 +378,8 @@ class Scene:
             "method": group["method"],
             "save_every": group["save_every"],
             "keep": group["keep"],
+            "tail": group.get("tail"),
+            "times": np.atleast_1d(group["times"]) if "times" in group else None,
             "events": self.events() or None,
         }
 
