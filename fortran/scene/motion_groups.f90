@@ -121,7 +121,7 @@ contains
     end if
   end subroutine read_accuracy
 
-  !> Whether states are kept all along, at the end only, of a time before the end, or at given times.
+  !> Whether states are kept all along, at the end only, of the last time, or at given times.
   subroutine read_keep(reader, job)
     type(group_reader), intent(inout) :: reader
     class(transient_job), intent(inout) :: job
@@ -148,8 +148,8 @@ contains
         call reader%complain('times', 'times: cannot be given together with save_every or keep')
       else if (job%times(1) < 0.0_wp .or. job%times(size(job%times)) > job%t_end) then
         call reader%complain('times', 'times = '//show(job%times(1))//' to ' &
-                             //show(job%times(size(job%times)))//': must be between 0 and t_end = ' &
-                             //show(job%t_end))
+                             //show(job%times(size(job%times)))//': must be between 0 and t_end ' &
+                             //'= '//show(job%t_end))
       end if
     end if
     if (job%last_only .and. job%save_every /= 1) then
