@@ -445,8 +445,8 @@ class _Job:
         slices = [slice(i, min(i + piece, n)) for i in range(0, n, piece)]
         work = n * n_steps * (1 + self.exponents)
         try:
-            if len(slices) == 1 and self.members.side_by_side and work <= _SHORT:
-                parts = [self._piece(slices[0], n_steps, cancel)]
+            if self.members.side_by_side and work <= _SHORT:
+                parts = [self._piece(slice(0, n), n_steps, cancel)]
             else:
                 parts = self._in_threads(slices, n_steps, cancel, progress)
             whole = [np.concatenate(pieces, axis=-1) for pieces in zip(*parts, strict=True)]
