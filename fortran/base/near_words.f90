@@ -76,7 +76,7 @@ contains
   !! so only the other case of this letter is near.
   pure integer function off_by(given, name)
     character(len=*), intent(in) :: given, name
-    off_by = huge(1)/4
+    off_by = shiftr(huge(1), 2)
     if (len(given) /= 1) then
       off_by = distance(given, name)
     else if (len(name) == 1) then
