@@ -34,7 +34,7 @@ contains
     do i = 1, size(values)
       ! That of a conjugate pair is the same.
       if (i > 1 .and. aimag(values(i)) < 0.0_wp) then
-        conditions(i) = conditions(i - 1)
+        conditions(i) = conditions(max(i - 1, 1))
         cycle
       end if
       call factorize(h, values(i), factors, exchanged)
