@@ -64,7 +64,7 @@ int main(void) {
   growing = column(result, "growing");
   n = viscovib_rows(result, 0);
   for (i = 0; i < n; i++) if (growing[i] > most) most = (int)growing[i];
-  printf("branch: %s; from %g to %g, at most %d disturbances grow\n", viscovib_summary(result), p[0],
+  printf("branch: %s; from %g to %g, at most %d perturbations grow\n", viscovib_summary(result), p[0],
          p[n - 1], most);
   viscovib_result_free(result);
 

@@ -13,6 +13,8 @@ import warnings
 from pathlib import Path
 
 BLOCK = re.compile(r"```python\n(.*?)```\n", re.DOTALL)
+#: Printed LaTeX becomes a formula.
+FORMULA = re.compile(r"(\\begin\{aligned\}.*?\\end\{aligned\})", re.DOTALL)
 RUN = ("tutorials/", "howto/", "explanation/", "reference/")
 
 
@@ -40,8 +42,11 @@ def _run_page(app, docname, source):
         with contextlib.redirect_stdout(printed), contextlib.redirect_stderr(io.StringIO()):
             exec(compile(match[1], docname, "exec"), names)
         text = match[0]
-        if printed.getvalue():
-            text += f"\n```text\n{printed.getvalue().rstrip()}\n```\n"
+        for part in FORMULA.split(printed.getvalue()):
+            if part.startswith(r"\begin{aligned}"):
+                text += f"\n$$\n{part}\n$$\n"
+            elif part.strip():
+                text += f"\n```text\n{part.strip(chr(10)).rstrip()}\n```\n"
         for number in plt.get_fignums():
             made += 1
             name = f"{docname.replace('/', '-')}-{made}.png"

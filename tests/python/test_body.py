@@ -509,8 +509,7 @@ def test_report(tmp_path):
         assert word in page
     # Laws by their axis, memory with its parameters.
     assert "z: 1e+10 d^3" in page
-    assert "PronyKernel(weights=" in page
-    assert "rates=" in page
+    assert "2 exp(-10 t)" in page
     assert "rotational stiffness" not in page
     track = vv.FluidTrack(mass=62.8, damping=2666, stiffness=436950)
     foot = vv.MountPoint(
@@ -526,6 +525,50 @@ def test_report(tmp_path):
     assert (tmp_path / "engine.pdf").read_bytes().startswith(b"%PDF")
     with pytest.raises(vv.InputError, match=r"must end in \.html or \.pdf"):
         vv.report(body, tmp_path / "engine.doc")
+
+
+def test_report_of_rubber(tmp_path):
+    """Damped roots, kernels with their temperature, the band of variants and engine orders."""
+    inner = vv.RabotnovKernel(amplitude=0.6, alpha=0.5, beta=2)
+    law = vv.WLF(reference=20.0, c1=8.86, c2=101.6)
+    rubber = vv.ThermalKernel(kernel=inner, shift=law, temperature=40)
+    body = engine(rubber)
+    vv.report(
+        body, tmp_path / "engine.html", variants=[engine(rubber.at(t)) for t in (30, 50)],
+        orders={0.5: body.load(torque=(0, 10, 0)), 2: body.load(torque=(0, 50, 0))},
+        rpm=np.linspace(300, 2000, 50),
+    )  # fmt: skip
+    page = (tmp_path / "engine.html").read_text()
+    assert page.count("data:image/png") == 5
+    shift = 10 ** (-8.86 * 20 / (101.6 + 20))
+    for text in (
+        "A t^(alpha-1) E_alpha,alpha(-beta t^alpha), A = 0.6, alpha = 0.5, beta = 2",
+        f"40 deg C, WLF(reference=20.0, c1=8.86, c2=101.6), a_T = {shift:.5g}",
+        "Rabotnov at 40 deg C",
+        "Damped roots",
+        *(f"{s.real:.5g}" for s in body.characteristic_roots().oscillatory),
+        "band of 2 variants",
+        "Engine orders: displacement along z",
+    ):
+        assert text in page
+    with pytest.raises(vv.InputError, match="orders, rpm: must be given together"):
+        vv.report(body, tmp_path / "engine.html", orders={2: body.load(torque=(0, 1, 0))})
+
+
+def test_pictures_of_mount_forces():
+    """A panel for each mount with the amplitudes along its axes, over Hz by default."""
+    body = engine()
+    nu = np.linspace(20, 200, 12)
+    forces = body.mount_forces(vv.forced_response(body, nu, load=body.load((0, 0, 10))))
+    axes = forces.plot()
+    assert len(axes) == len(forces.names)
+    for ax, name in zip(axes, forces.names, strict=True):
+        assert name in ax.get_ylabel()
+        for line in ax.lines:
+            np.testing.assert_allclose(line.get_xdata(), nu / (2 * np.pi))
+            sizes = forces.amplitude(name)[:, "xyz".index(line.get_label())]
+            np.testing.assert_array_equal(line.get_ydata(), sizes)
+    assert forces.plot(x="rad/s", y="db")[-1].get_xlabel() == "circular frequency (rad/s)"
 
 
 def test_pictures(tmp_path):

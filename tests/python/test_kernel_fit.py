@@ -572,6 +572,22 @@ def test_bad_arguments(given, told):
         vv.fit_kernel(made(KERNELS["rabotnov"]), **given)
 
 
+@pytest.mark.parametrize("kind", ["rabotnov", "prony"])
+def test_the_band_of_a_picture_is_that_of_the_samples(kind):
+    """The half width is a quantile of the curves of kernels drawn from the likelihood."""
+    fit = vv.fit_kernel(made(KERNELS["rabotnov"], 0.02), kind=kind)
+    nu = np.exp(fit.measured.log_rates)
+
+    def curves(sample):
+        stiff = sample.modulus * (1 - sample.kernel.transform(nu))
+        return np.concatenate([stiff.real, stiff.imag])
+
+    band = vv.propagate(fit, curves, samples=400)
+    ratio = fit._predicted_error() / ((band.high - band.low) / 2)
+    assert 0.8 < np.median(ratio) < 1.25
+    assert ((ratio > 0.5) & (ratio < 2)).mean() > 0.95
+
+
 def test_too_few_numbers_are_told():
     data = vv.ModulusData(frequencies=[1.0], storage=[2.0], loss=[0.1])
     with pytest.raises(vv.InputError, match="2 numbers do not determine 4 parameters"):
@@ -582,7 +598,15 @@ def test_pictures():
     import matplotlib.pyplot as plt
 
     fit = vv.fit_kernel(made(KERNELS["rabotnov"], 0.02))
-    assert len(fit.plot().lines) == 4
+    curve, residuals = fit.plot(x="hz")
+    assert len(curve.lines) == 4
+    assert residuals.get_xlabel() == "frequency (Hz)"
+    np.testing.assert_allclose(
+        curve.lines[0].get_xdata() * 2 * np.pi, np.exp(fit.measured.log_rates)
+    )
+    _, alone = plt.subplots()
+    assert fit.plot(alone) == [alone]
+    assert fit.profile("alpha").plot().get_xlabel() == "alpha"
     nu = np.linspace(1, 5, 7)
     band = vv.propagate(fit, lambda s: np.abs(s.kernel.transform(nu)), samples=20)
     assert len(band.plot(nu).lines) == 1

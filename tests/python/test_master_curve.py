@@ -208,6 +208,8 @@ def test_pictures():
     master = vv.master_curve(sets(), reference=20.0)
     assert len(master.plot(law=LAW)) == 2
     assert vv.plot_nomogram(master).get_ylabel() == "E (Pa)"
+    assert "Hz" in master.plot(x="hz")[0].get_xlabel()
+    assert "Hz" in vv.plot_nomogram(master, x="hz").get_xlabel()
     plt.close("all")
 
 

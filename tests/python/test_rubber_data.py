@@ -277,7 +277,14 @@ def test_pictures():
     import matplotlib.pyplot as plt
 
     raw = vv.read_dma(DATA / "pyvisco_freq_user_raw.csv")
-    assert len(raw.plot()) == 2
+    upper, lower = raw.plot(x="hz")
+    assert lower.get_xlabel() == "frequency (Hz)"
+    first = raw.sets()[0].frequencies
+    np.testing.assert_allclose(2 * np.pi * upper.lines[0].get_xdata(), first)
+    bar = upper.figure.axes[-1]  # from the coldest to the warmest set
+    assert bar.get_ylabel() == "temperature (deg C)"
+    means = [np.mean(one.temperature) for one in raw.sets()]
+    np.testing.assert_allclose(bar.get_ylim(), (min(means), max(means)))
     for draw in (vv.plot_cole_cole, vv.plot_van_gurp):
         assert len(draw(raw).lines) == 21
     assert vv.kramers_kronig(made(KERNELS["rabotnov"])).plot().get_xlabel()

@@ -9,7 +9,7 @@ import matplotlib.pyplot as plt
 import viscovib as vv
 
 duffing = vv.PolynomialSystem(mass=1, stiffness=1, damping=0.1, forces="x^3")
-options = {"load_range": (0.1, 4), "nu": 1, "load": 1, "harmonics": 15, "symmetric": False}
+options = {"load_range": (0.1, 4), "nu": 1, "load": 1, "symmetric": False, "tolerance": 1e-6}
 main = vv.trace_response(duffing, **options)
 side = vv.trace_response(duffing, **options, leave=main.branch_points[0], max_points=300)
 

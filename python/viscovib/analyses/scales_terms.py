@@ -43,8 +43,9 @@ def formula(terms: Sequence[FlowTerm], names: Sequence[str], n_modes: int) -> st
         order = 0
         for one in own:
             if _order(one) != order:
+                line = rf"\\{chr(10)}&\quad " if order else ""
                 order = _order(one)
-                parts.append(rf"\quad O(a^{order}):\ ")
+                parts.append(rf"{line}O(a^{order}):\ ")
             product = r"\,".join(map(_symbol, one.factors))
             parts.append(f"+ ({_number(one.coefficient)})\\,{product} ")
         lines.append("".join(parts) + ("" if own else "0 ") + "+ O(a^4)")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -11,10 +12,12 @@ import numpy.typing as npt
 from viscovib import _native
 from viscovib._native import FloatArray
 from viscovib.bodies.body import Body
+from viscovib.bodies.forces import MountForces
 from viscovib.bodies.modes import BodyModes
 from viscovib.errors import InputError
-from viscovib.plots.panels import panel
-from viscovib.plots.style import COLOURS, STYLES
+from viscovib.plots.axes import Shown
+from viscovib.plots.panels import panel, panels
+from viscovib.plots.style import COLOURS, STYLES, bare, plain
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -23,6 +26,8 @@ if TYPE_CHECKING:
 EDGES = [(a, b) for a in range(8) for b in range(a + 1, 8) if (a ^ b) in (1, 2, 4)]
 #: How far a mode moves the picture, of its size.
 SWING = 0.25
+#: A force below this part of the largest is not drawn.
+_STILL = 1e-9
 
 
 def plot_body(
@@ -200,6 +205,46 @@ def plot_transmissibility(
     ax.legend(frameon=False)
     plain_hertz(ax)
     return ax
+
+
+def plot_mount_forces(
+    forces: MountForces,
+    ax: Axes | Sequence[Axes] | None = None,
+    *,
+    harmonic: int = 1,
+    x: str = "hz",
+    y: str = "linear",
+) -> Sequence[Axes]:
+    """Draw force amplitudes along the local axes, a panel for each mount.
+
+    Parameters
+    ----------
+    forces : MountForces
+    ax : Axes or sequence of Axes, optional
+        One per mount. None creates a figure.
+    harmonic : int
+    x : {"hz", "rad/s"}
+        Unit of the frequencies.
+    y : {"linear", "log", "db"}
+        Decibels refer to 1 N.
+    """
+    shown = Shown.checked(x, y)
+    if y == "phase":
+        raise InputError("y = 'phase': must be one of 'linear', 'log', 'db'")
+    axes = panels(ax, len(forces.names), "one per mount")
+    nu = shown.places(forces.nu, True)
+    for axis, name in zip(axes, forces.names, strict=True):
+        sizes = forces.amplitude(name, harmonic)
+        for i, local in enumerate("xyz"):
+            if np.nanmax(sizes[:, i], initial=0.0) > _STILL * np.nanmax(sizes, initial=0.0):
+                style = {"color": COLOURS[i], "linestyle": STYLES[i]}
+                axis.plot(nu, shown.sizes(sizes[:, i]), label=local, **style)
+        axis.set_ylabel(f"force of {plain(name)} ({'dB re 1 N' if y == 'db' else 'N'})")
+        axis.legend(frameon=False)
+        shown.finish(axis)
+        bare(axis)
+    axes[-1].set_xlabel(shown.x_label("circular frequency (rad/s)", True))
+    return axes
 
 
 def frequency_range(body: Body, hz: npt.ArrayLike | None = None) -> FloatArray:

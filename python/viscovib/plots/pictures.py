@@ -12,10 +12,12 @@ from viscovib.analyses.backbones import Backbone
 from viscovib.analyses.driven import DrivenResponse
 from viscovib.analyses.driven_branch import DrivenBranch
 from viscovib.analyses.spectral import Spectrum
+from viscovib.bodies.forces import MountForces
 from viscovib.common.files import whole_file
 from viscovib.common.results import Result
 from viscovib.errors import InputError, near_name
 from viscovib.plots.axes import moving
+from viscovib.plots.bodies import plot_mount_forces
 from viscovib.plots.motions import motion_axes, plot_sections, plot_spectrum, plot_trajectory
 from viscovib.plots.scales import moving as moving_steadily, plot_modulation, plot_scales_response
 from viscovib.plots.steady import plot_backbone, plot_branch, plot_motion_branch, plot_response
@@ -170,7 +172,11 @@ _DRAWN: dict[type, tuple[Callable[..., Any], Callable[[Any], tuple[float, float]
     ),
 }  # fmt: skip
 #: Those that only the public function draws.
-_PLOTTED: dict[type, Any] = {Ensemble: plot_sections, Modulation: plot_modulation}
+_PLOTTED: dict[type, Any] = {
+    Ensemble: plot_sections,
+    Modulation: plot_modulation,
+    MountForces: plot_mount_forces,
+}
 
 
 def plot(result: Result, *args: Any, **options: Any) -> Any:

@@ -7,7 +7,7 @@ import html
 import io
 import math
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -20,6 +20,14 @@ from viscovib.bodies.body import Body
 from viscovib.common.files import whole_file
 from viscovib.common.parameters import FilePath, Text
 from viscovib.errors import InputError
+from viscovib.kernels.relaxation import (
+    AbelKernel,
+    Kernel,
+    PronyKernel,
+    RabotnovKernel,
+    RzhanitsynKernel,
+)
+from viscovib.kernels.time_temperature import ThermalKernel
 from viscovib.plots.bodies import (
     frequency_range,
     plain_hertz,
@@ -46,6 +54,8 @@ img { max-width: 100% }
 
 #: Parameters of memory are written up to so many letters; dots stand for the rest.
 _LONGEST = 110
+#: Terms of a Prony series and real roots that are written out.
+_TERMS, _REAL_ROOTS = 6, 6
 #: Cells up to so many letters stay on one line.
 _UNBROKEN = 48
 #: A table: its caption, names of columns, and rows.
@@ -61,6 +71,9 @@ def report(
     hz: npt.ArrayLike | None = None,
     axis: str = "z",
     torque_about: str | npt.ArrayLike | None = None,
+    variants: Sequence[Body] = (),
+    orders: Mapping[float, npt.ArrayLike] | None = None,
+    rpm: npt.ArrayLike | None = None,
 ) -> None:
     """Write data, modes, energies, static deflection, transmissibility and mount forces as a page.
 
@@ -79,6 +92,13 @@ def report(
         Direction of the floor's motion, for the transmissibility.
     torque_about : "x", "y", "z" or array_like, shape (3,), optional
         Axis of the torque, for the torque-roll axis.
+    variants : sequence of Body, optional
+        Bodies with other numbers, such as kernels of `KernelFit.samples`: the transmissibility has
+        the band that contains 95 % of them.
+    orders : mapping, optional
+        Amplitudes of loads (`Body.load`) by engine order: {0.5: ..., 2: ...}.
+    rpm : array_like, optional
+        Speeds for ``orders`` (revolutions per minute).
 
     Raises
     ------
@@ -104,13 +124,17 @@ def report(
         push = _native.complex_array("load", load)
         if push.shape != (len(body.dof_names),):
             raise InputError(f"load: must have shape ({len(body.dof_names)},), got {push.shape}")
+    if not isinstance(variants, (list, tuple)):
+        raise InputError(f"variants = {_native.shown(variants)}: must be a list of bodies")
+    for i, one in enumerate(variants):
+        _native.check_instance(f"variants[{i}]", one, Body)
     tables = _tables(body, torque_about)
     pictures: list[tuple[str, Callable[[Any], object], bool]] = [
         ("The body", lambda ax: plot_body(body, ax, torque_about=torque_about), True),
         ("Kinetic energies", lambda ax: plot_energy(body.modes(), ax), False),
         (
-            "Transmissibility",
-            lambda ax: plot_transmissibility(body, ax, hz=frequencies, axis=axis),
+            "Transmissibility" + f", with the band of {len(variants)} variants" * bool(variants),
+            lambda ax: _plot_transmissibility(body, ax, frequencies, axis, variants),
             False,
         ),
         (
@@ -119,7 +143,16 @@ def report(
             False,
         ),
     ]
-    foot = f"viscovib {version('viscovib')}. SI units and rad unless said."
+    if orders is not None or rpm is not None:
+        speeds, loads = _orders(body, orders, rpm)
+        pictures.append(
+            (
+                f"Engine orders: displacement along {axis}, linear",
+                lambda ax: _plot_orders(body, ax, speeds, loads, "xyz".index(axis)),
+                False,
+            )
+        )
+    foot = f"viscovib {version('viscovib')}. SI units and rad unless stated."
     if place.suffix.lower() == ".html":
         _write_html(place, title, tables, pictures, foot)
     else:
@@ -163,6 +196,9 @@ def _tables(body: Body, torque_about: str | npt.ArrayLike | None) -> list[_Table
             mounts,
         ),
     ]  # fmt: skip
+    if memory := _memory(body):
+        head = ["kernel", "relaxation kernel, t in s", "temperature", "integral", "mounts"]
+        tables.append(("Memory of the mounts", head, memory))
     if further := _further(body):
         tables.append(("Further data of the mounts", ["", ""], further))
     if body.gravity is not None:
@@ -200,7 +236,23 @@ def _tables(body: Body, torque_about: str | npt.ArrayLike | None) -> list[_Table
     ]
     caption = f"{'Damped modes' if damped else 'Modes'} and kinetic energies"
     tables.append((caption, head + ["roll (%)"] * bool(shares), rows))
+    if damped or any(np.any(np.asarray(mount.damping)) for mount in body.mounts):
+        head = ["root", "Re s (1/s)", "Im s (rad/s)", "Hz", "damping (%)", "log. decrement"]
+        tables.append(("Damped roots s of free motions exp(s t)", head, _roots(body)))
     return tables
+
+
+def _roots(body: Body) -> list[list[str]]:
+    """Return a row for each damped root, oscillatory ones first."""
+    found = body.characteristic_roots()
+    rows = [
+        [
+            f"{j}", f"{s.real:.5g}", f"{s.imag:.5g}", f"{s.imag / (2 * math.pi):.4f}",
+            f"{-100 * s.real / abs(s):.2f}", f"{-2 * math.pi * s.real / s.imag:.4g}",
+        ]
+        for j, s in enumerate(found.oscillatory, 1)
+    ]  # fmt: skip
+    return rows + [["real", f"{s:.5g}", "0", "", "", ""] for s in found.real[:_REAL_ROOTS]]
 
 
 def _row(values: npt.ArrayLike, digits: int = 6) -> str:
@@ -227,21 +279,53 @@ def _angles(rotation: npt.NDArray[np.float64]) -> list[float]:
 
 
 def _kernel(kernel: object) -> str:
+    if isinstance(kernel, ThermalKernel):
+        return f"{_kernel(kernel.kernel)} at {kernel.temperature:g} deg C"
     return "none" if kernel is None else type(kernel).__name__.removesuffix("Kernel")
 
 
+def _memory(body: Body) -> list[list[str]]:
+    """Return each kernel with its law, its temperature, its integral and its mounts."""
+    users: dict[str, tuple[Kernel, list[str]]] = {}
+    for mount in body.mounts:
+        for kernel in mount.kernels:
+            if kernel is not None:
+                names = users.setdefault(repr(kernel), (kernel, []))[1]
+                if mount.name not in names:
+                    names.append(mount.name)
+    rows = []
+    for kernel, names in users.values():
+        inner, at = kernel, ""
+        if isinstance(kernel, ThermalKernel):
+            inner = kernel.kernel
+            at = f"{kernel.temperature:g} deg C, {kernel.shift!r}, a_T = {kernel.slowness:.5g}"
+        law = _kernel_law(inner) + ("; at a_T: R(t/a_T)/a_T" if at else "")
+        rows.append([_kernel(inner), law, at, f"{kernel.integral:.6g}", ", ".join(names)])
+    return rows
+
+
+def _kernel_law(kernel: Kernel) -> str:
+    """Return R(t) with its numbers."""
+    if isinstance(kernel, (RzhanitsynKernel, AbelKernel, RabotnovKernel)):
+        numbers = f"A = {kernel.amplitude:.6g}, alpha = {kernel.alpha:.6g}"
+        if isinstance(kernel, AbelKernel):
+            return f"A t^(alpha-1), {numbers}"
+        numbers += f", beta = {kernel.beta:.6g}"
+        if isinstance(kernel, RabotnovKernel):
+            return f"A t^(alpha-1) E_alpha,alpha(-beta t^alpha), {numbers}"
+        return f"A exp(-beta t) t^(alpha-1), {numbers}"
+    if isinstance(kernel, PronyKernel):
+        pairs = zip(np.asarray(kernel.weights), np.asarray(kernel.rates), strict=True)
+        terms = [f"{w:.4g} exp(-{r:.4g} t)" for w, r in pairs]
+        more = f" + ... ({len(terms)} terms)" if len(terms) > _TERMS else ""
+        return " + ".join(terms[:_TERMS]) + more
+    text = repr(kernel)
+    return text if len(text) <= _LONGEST else f"{text[:_LONGEST]} ..."
+
+
 def _further(body: Body) -> list[list[str]]:
-    """Return what few mounts have: parameters of memory, rotational stiffness, fluid tracks."""
-    kernels = {
-        f"{kernel!r}": _kernel(kernel)
-        for mount in body.mounts
-        for kernel in mount.kernels
-        if kernel is not None
-    }
-    lines = [
-        [f"memory: {name}", text if len(text) <= _LONGEST else f"{text[:_LONGEST]} ..."]
-        for text, name in kernels.items()
-    ]
+    """Return what few mounts have: rotational stiffness, fluid tracks."""
+    lines: list[list[str]] = []
     for mount in body.mounts:
         if np.any(np.asarray(mount.rotational_stiffness)):
             size = _row(np.asarray(mount.rotational_stiffness))
@@ -265,6 +349,60 @@ def _law(laws: tuple[dict[int, float] | Law, ...]) -> str:
         if law
     ]
     return "; ".join(texts) or "linear"
+
+
+def _plot_transmissibility(
+    body: Body, ax: Axes, hz: npt.NDArray[np.float64], axis: str, variants: Sequence[Body]
+) -> None:
+    """Draw the transmissibility; behind it, along the axis, the band of the variants."""
+    plot_transmissibility(body, ax, hz=hz, axis=axis)
+    if not variants:
+        return
+    place, omega = "xyz".index(axis), 2 * math.pi * hz
+    answers = np.abs([one.base_transmissibility(omega, axis, None)[:, place] for one in variants])
+    with np.errstate(divide="ignore"):
+        low, high = 20 * np.log10(np.quantile(answers, (0.025, 0.975), axis=0))
+    label = f"{axis}, 95 % of the variants"
+    ax.fill_between(hz, low, high, color=COLOURS[place], alpha=0.2, lw=0, label=label)
+    ax.legend(frameon=False)
+
+
+def _orders(
+    body: Body, orders: Mapping[float, npt.ArrayLike] | None, rpm: npt.ArrayLike | None
+) -> tuple[npt.NDArray[np.float64], dict[float, Any]]:
+    """Check the speeds (1/min) and the loads of engine orders."""
+    if orders is None or rpm is None:
+        raise InputError("orders, rpm: must be given together")
+    if not isinstance(orders, Mapping) or not orders:
+        raise InputError(
+            f"orders = {_native.shown(orders)}: must be a mapping of orders to loads, such as "
+            "{2: body.load(torque=(0, 100, 0))}"
+        )
+    speeds = _native.real_array("rpm", rpm, ndim=1)
+    if speeds.size < 2 or not speeds[0] > 0 or not (np.diff(speeds) > 0).all():
+        raise InputError("rpm: must be two or more positive speeds, ascending")
+    loads = {}
+    for order, load in orders.items():
+        loads[_native.number("orders", order)] = _native.complex_array(f"orders[{order}]", load)
+    body.engine_orders(speeds[:1], list(loads), list(loads.values()))
+    return speeds, loads
+
+
+def _plot_orders(
+    body: Body, ax: Axes, rpm: npt.NDArray[np.float64], loads: Mapping[float, Any], place: int
+) -> None:
+    """Draw the displacement by each order over the speed, and the root mean square of all."""
+    found = body.engine_orders(2 * math.pi * rpm / 60, list(loads), list(loads.values()))
+    sizes = np.abs(found[:, :, place])
+    for i, order in enumerate(loads):
+        ax.plot(
+            rpm, sizes[:, i], color=COLOURS[i % len(COLOURS)], linestyle=STYLES[i % len(STYLES)],
+            label=f"order {order:g}",
+        )  # fmt: skip
+    ax.plot(rpm, np.hypot.reduce(sizes, axis=1) / math.sqrt(2), color="0.5", label="rms of all")
+    ax.set(xlabel="speed (1/min)", ylabel="displacement (m)", xlim=(rpm[0], rpm[-1]))
+    ax.set_ylim(0, None)
+    ax.legend(frameon=False)
 
 
 def _plot_forces(body: Body, ax: Axes, hz: npt.NDArray[np.float64], load: Any) -> None:

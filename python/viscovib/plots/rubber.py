@@ -1,5 +1,6 @@
 """Pictures of measurements of rubber, master curves, fits and bands."""
 
+import math
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
@@ -7,13 +8,13 @@ import numpy as np
 import numpy.typing as npt
 
 from viscovib import _native
-from viscovib.common.parameters import Text
+from viscovib.common.parameters import Text, Word
 from viscovib.errors import InputError
 from viscovib.kernels.time_temperature import ShiftLaw
 from viscovib.plots.panels import panel, panels
 from viscovib.rubber.bands import Band
 from viscovib.rubber.data import ModulusData
-from viscovib.rubber.fit import KernelFit
+from viscovib.rubber.fit import KernelFit, Profile
 from viscovib.rubber.kramers_kronig_pair import KramersKronig
 from viscovib.rubber.master import MasterCurve
 
@@ -22,18 +23,22 @@ if TYPE_CHECKING:
 
 _DARK, _BRIGHT, _WARM = "#0b1d51", "#c8452e", "#e08e1b"
 _MARKS = ("o", "s", "^", "D", "v")
-_FREQUENCY = "circular frequency (rad/s)"
+_X = Word("x", ("rad/s", "hz"))
 
 
-def plot_modulus(data: ModulusData, ax: "Axes | Sequence[Axes] | None" = None) -> "Sequence[Axes]":
+def plot_modulus(
+    data: ModulusData, ax: "Axes | Sequence[Axes] | None" = None, *, x: str = "rad/s"
+) -> "Sequence[Axes]":
     """Draw storage and loss, and the loss factor below, over frequency.
 
     Parameters
     ----------
     data : ModulusData
-        Sets are coloured from cold to warm.
+        Sets are coloured from cold to warm, with a colour bar of the temperatures.
     ax : two Axes, optional
         Axes of the plot; None creates a figure.
+    x : {"rad/s", "hz"}
+        Unit of the frequencies.
 
     Returns
     -------
@@ -45,10 +50,11 @@ def plot_modulus(data: ModulusData, ax: "Axes | Sequence[Axes] | None" = None) -
     >>> axes = vv.plot_modulus(raw)
     """
     _native.check_instance("data", data, ModulusData)
+    per, label = _frequency(x)
     upper, lower = panels(ax, 2, "moduli and loss factor")
     sets = data.sets()
-    for i, one in enumerate(sets):
-        nu, colour = np.asarray(one.frequencies), _shade(i, len(sets))
+    for i, (one, colour) in enumerate(zip(sets, _shades(sets), strict=True)):
+        nu = np.asarray(one.frequencies) * per
         first = i == 0
         upper.loglog(nu, one.storage, "-o", color=colour, ms=3, label="storage" if first else None)
         upper.loglog(
@@ -58,7 +64,8 @@ def plot_modulus(data: ModulusData, ax: "Axes | Sequence[Axes] | None" = None) -
     upper.set_ylabel(_label(data))
     upper.legend()
     lower.set_ylabel("loss factor")
-    lower.set_xlabel(_FREQUENCY)
+    lower.set_xlabel(label)
+    _add_temperatures(sets, [upper, lower])
     return [upper, lower]
 
 
@@ -88,28 +95,28 @@ def _without_frequency(data: ModulusData, ax: "Axes | None", log: bool) -> "Axes
     _native.check_instance("data", data, ModulusData)
     axes = panel(ax)
     sets = data.sets()
-    for i, one in enumerate(sets):
+    for i, (one, colour) in enumerate(zip(sets, _shades(sets), strict=True)):
         x, y = np.asarray(one.storage), np.asarray(one.loss)
         if log:
             x, y = np.abs(one.modulus), np.degrees(np.angle(one.modulus))
         mark = _MARKS[i % len(_MARKS)]
-        axes.plot(x, y, "-" + mark, color=_shade(i, len(sets)), ms=3, label=_warmth(one))
+        axes.plot(x, y, "-" + mark, color=colour, ms=3)
     if log:
         axes.set_xscale("log")
     axes.set_xlabel(f"|{data.quantity}*| {_unit(data)}" if log else _label(data, "'"))
     axes.set_ylabel("loss angle (degrees)" if log else _label(data, "''"))
-    if 1 < len(sets) <= 8 and data.temperature is not None:
-        axes.legend()
+    _add_temperatures(sets, [axes])
     return axes
 
 
-def plot_ratio(check: KramersKronig, ax: "Axes | None" = None) -> "Axes":
+def plot_ratio(check: KramersKronig, ax: "Axes | None" = None, *, x: str = "rad/s") -> "Axes":
     """Draw measured loss over the loss that belongs to the storage."""
+    per, label = _frequency(x)
     axes = panel(ax, (7, 3.5))
-    axes.loglog(check.frequencies, check.ratio, "o", ms=3, color=_DARK)
+    axes.loglog(np.asarray(check.frequencies) * per, check.ratio, "o", ms=3, color=_DARK)
     axes.axhspan(1 / 1.25, 1.25, color=_WARM, alpha=0.3, lw=0)
     axes.axhline(1, color="k", lw=0.8)
-    axes.set_xlabel(_FREQUENCY)
+    axes.set_xlabel(label)
     axes.set_ylabel("loss / expected loss")
     return axes
 
@@ -119,9 +126,11 @@ def plot_master(
     ax: "Axes | Sequence[Axes] | None" = None,
     *,
     law: ShiftLaw | None = None,
+    x: str = "rad/s",
 ) -> "Sequence[Axes]":
     """Draw the curve and, below, the factors with their 95 % intervals and a law."""
     _native.check_instance("master", master, MasterCurve)
+    per, label = _frequency(x)
     if law is not None:
         _native.check_instance("law", law, ShiftLaw)
     if ax is None:
@@ -131,11 +140,10 @@ def plot_master(
     upper, lower = panels(ax, 2, "curve and factors")
     data = master.data
     if isinstance(data, ModulusData):
-        upper.loglog(data.frequencies, data.storage, "o", ms=3, color=_DARK, label="storage")
-        upper.loglog(
-            data.frequencies, data.loss, "s", ms=3, mfc="none", color=_BRIGHT, label="loss"
-        )
-        upper.set_xlabel(f"reduced {_FREQUENCY} at {master.reference:g} deg C")
+        nu = np.asarray(data.frequencies) * per
+        upper.loglog(nu, data.storage, "o", ms=3, color=_DARK, label="storage")
+        upper.loglog(nu, data.loss, "s", ms=3, mfc="none", color=_BRIGHT, label="loss")
+        upper.set_xlabel(f"reduced {label} at {master.reference:g} deg C")
         upper.set_ylabel(_label(data))
         upper.legend()
     else:
@@ -159,6 +167,8 @@ def plot_nomogram(
     master: MasterCurve,
     temperatures: npt.ArrayLike | None = None,
     ax: "Axes | None" = None,
+    *,
+    x: str = "rad/s",
 ) -> "Axes":
     """Draw the reduced-frequency nomogram (Jones, 1978).
 
@@ -174,6 +184,8 @@ def plot_nomogram(
         sets.
     ax : Axes, optional
         Axes of the plot; None creates a figure.
+    x : {"rad/s", "hz"}
+        Unit of the frequencies.
 
     Examples
     --------
@@ -184,16 +196,17 @@ def plot_nomogram(
     data = master.data
     if not isinstance(data, ModulusData):
         raise InputError("master: is over time, must be of storage and loss")
+    per, label = _frequency(x)
     axes = panel(ax)
-    reduced = np.asarray(data.frequencies)
+    reduced = np.asarray(data.frequencies) * per
     axes.loglog(reduced, data.storage, "o", ms=3, color=_DARK, label="storage")
     axes.loglog(reduced, data.loss, "s", ms=3, mfc="none", color=_BRIGHT, label="loss")
-    axes.set_xlabel(f"reduced {_FREQUENCY}")
+    axes.set_xlabel(f"reduced {label}")
     axes.set_ylabel(_label(data))
     axes.legend(loc="upper left")
     right = axes.twinx()
     right.set_yscale("log")
-    right.set_ylabel(_FREQUENCY)
+    right.set_ylabel(label)
     wanted = (
         master.temperatures
         if temperatures is None
@@ -201,7 +214,7 @@ def plot_nomogram(
     )
     shift = master.shift
     low, high = reduced.min(), reduced.max()
-    ends = np.array([1e-2, 1e4])
+    ends = np.array([1e-2, 1e4]) * per
     for t in wanted.tolist():
         across = ends * shift(t)
         inside = (across >= low * 0.1) & (across <= high * 10)
@@ -215,30 +228,81 @@ def plot_nomogram(
     return axes
 
 
-def plot_fit(fit: KernelFit, ax: "Axes | None" = None) -> "Axes":
-    """Draw measurements and fit."""
+def plot_fit(
+    fit: KernelFit, ax: "Axes | Sequence[Axes] | None" = None, *, x: str = "rad/s"
+) -> "Sequence[Axes]":
+    """Draw measurements and fit, with the 95 % band of the curve, and the residuals below.
+
+    The band contains the uncertainty of the parameters only.
+
+    Parameters
+    ----------
+    fit : KernelFit
+    ax : Axes or two Axes, optional
+        A single axis shows the curve without residuals; None creates a figure with both.
+    x : {"rad/s", "hz"}
+        Unit of the frequencies.
+
+    Returns
+    -------
+    sequence of Axes
+    """
     _native.check_instance("fit", fit, KernelFit)
-    axes = panel(ax)
-    measured = fit.measured
-    said = fit._predicted()
+    axes = _axes_of_fit(ax)
+    measured, said, error = fit.measured, fit._predicted(), fit._predicted_error()
+    n = measured.log_rates.size
     if isinstance(measured.data, ModulusData):
-        nu = np.exp(measured.log_rates)
-        order, n = np.argsort(nu), nu.size
-        for part, mark, colour, name in (
-            (slice(0, n), "o", _DARK, "storage"),
-            (slice(n, 2 * n), "s", _BRIGHT, "loss"),
-        ):
-            axes.loglog(nu, measured.target[part], mark, ms=3, mfc="none", color=colour, label=name)
-            axes.loglog(nu[order], said[part][order], "-", color=colour)
-        axes.set_xlabel(_FREQUENCY)
-        axes.legend()
+        per, label = _frequency(x)
+        place = np.exp(measured.log_rates) * per
+        parts = [("storage", slice(0, n), "o", _DARK), ("loss", slice(n, 2 * n), "s", _BRIGHT)]
     else:
-        t = np.exp(-measured.log_rates)
-        order = np.argsort(t)
-        axes.loglog(t, measured.target, "o", ms=3, mfc="none", color=_DARK)
-        axes.loglog(t[order], said[order], "-", color=_BRIGHT)
-        axes.set_xlabel("time (s)")
-    axes.set_ylabel(_label(measured.data))
+        place, label = np.exp(-measured.log_rates), "time (s)"
+        parts = [("", slice(0, n), "o", _DARK)]
+    order = np.argsort(place)
+    for name, part, mark, colour in parts:
+        target, curve, reach = measured.target[part], said[part], error[part]
+        axes[0].loglog(place, target, mark, ms=3, mfc="none", color=colour, label=name or None)
+        axes[0].loglog(place[order], curve[order], "-", color=colour)
+        if np.isfinite(reach).all():
+            # Relative, as on an axis of logarithms.
+            factor = np.exp(reach / np.abs(curve))[order]
+            low, high = curve[order] / factor, curve[order] * factor
+            axes[0].fill_between(place[order], low, high, color=colour, alpha=0.25, lw=0)
+        if len(axes) > 1:
+            axes[1].semilogx(place, 100 * (target / curve - 1), mark, ms=3, color=colour)
+    if len(axes) > 1:
+        axes[1].axhline(0, color="k", lw=0.8)
+        axes[1].set_ylabel("residual (%)")
+    axes[-1].set_xlabel(label)
+    axes[0].set_ylabel(_label(measured.data))
+    if len(parts) > 1:
+        axes[0].legend()
+    return axes
+
+
+def _axes_of_fit(ax: "Axes | Sequence[Axes] | None") -> "list[Axes]":
+    """Return one axis for the curve, or two for the curve and its residuals."""
+    from matplotlib.axes import Axes
+
+    if ax is None:
+        import matplotlib.pyplot as plt
+
+        figure = plt.figure(figsize=(7, 5.5), layout="constrained")
+        return list(figure.subplots(2, 1, sharex=True, height_ratios=(3, 1)))
+    return [panel(ax)] if isinstance(ax, Axes) else panels(ax, 2, "curve and residuals")
+
+
+def plot_profile(profile: Profile, ax: "Axes | None" = None) -> "Axes":
+    """Draw the rise of the sum of squares over the values of the parameter, with its interval."""
+    axes = panel(ax, (6, 3.6))
+    inside = np.isfinite(profile.rise)
+    axes.plot(profile.values[inside], profile.rise[inside], "o-", ms=3, color=_DARK)
+    low = max(profile.interval[0], float(profile.values[0]))
+    high = min(profile.interval[1], float(profile.values[-1]))
+    axes.axvspan(low, high, color=_WARM, alpha=0.3, lw=0, label=f"{100 * profile.level:g} %")
+    axes.set_xlabel(profile.name)
+    axes.set_ylabel("rise of the sum of squares")
+    axes.legend()
     return axes
 
 
@@ -255,11 +319,44 @@ def plot_band(band: Band, x: npt.ArrayLike, ax: "Axes | None" = None, *, label: 
     return axes
 
 
-def _shade(i: int, n: int) -> Any:
-    """Blue for cold, red for warm."""
-    part = i / max(n - 1, 1)
-    ends = np.array([[0.04, 0.11, 0.32], [0.88, 0.45, 0.11]])
-    return tuple((1 - part) * ends[0] + part * ends[1])
+def _frequency(x: str) -> tuple[float, str]:
+    """Return the factor of circular frequencies in the unit x, and the label of their axis."""
+    if _X.check(x) == "hz":
+        return 1 / (2 * math.pi), "frequency (Hz)"
+    return 1.0, "circular frequency (rad/s)"
+
+
+def _temperatures(sets: Sequence[ModulusData]) -> list[float] | None:
+    """Return the mean temperature of each set, or None if a set has none."""
+    found = [np.asarray(one.temperature) for one in sets if one.temperature is not None]
+    return [float(one.mean()) for one in found] if len(found) == len(sets) else None
+
+
+def _colours() -> Any:
+    """Blue for cold, orange for warm."""
+    from matplotlib.colors import LinearSegmentedColormap
+
+    ends = [(0.04, 0.11, 0.32), (0.88, 0.45, 0.11)]
+    return LinearSegmentedColormap.from_list("temperature", ends)
+
+
+def _shades(sets: Sequence[ModulusData]) -> list[Any]:
+    """Return a colour for each set: by its temperature, else by its place."""
+    values = np.array(_temperatures(sets) or range(len(sets)))
+    span = np.ptp(values)
+    return [_colours()(part) for part in (values - values.min()) / (span if span > 0 else 1.0)]
+
+
+def _add_temperatures(sets: Sequence[ModulusData], axes: "Sequence[Axes]") -> None:
+    """Add a colour bar if the sets have different temperatures."""
+    from matplotlib.cm import ScalarMappable
+    from matplotlib.colors import Normalize
+
+    values = _temperatures(sets)
+    if values is None or max(values) == min(values):
+        return
+    scale = ScalarMappable(Normalize(min(values), max(values)), _colours())
+    axes[0].figure.colorbar(scale, ax=list(axes), label="temperature (deg C)")
 
 
 def _unit(data: Any) -> str:
@@ -268,9 +365,3 @@ def _unit(data: Any) -> str:
 
 def _label(data: Any, part: str = "") -> str:
     return f"{data.quantity}{part} {_unit(data)}"
-
-
-def _warmth(data: ModulusData) -> str | None:
-    if data.temperature is None:
-        return None
-    return f"{float(np.mean(np.asarray(data.temperature))):.3g} deg C"

@@ -134,10 +134,12 @@ class ModulusData(Value):
         # By name, since that module knows this one.
         return import_module("viscovib.rubber.kramers_kronig_pair").kramers_kronig(self)
 
-    def plot(self, ax: "Axes | Sequence[Axes] | None" = None) -> "Sequence[Axes]":
+    def plot(
+        self, ax: "Axes | Sequence[Axes] | None" = None, *, x: str = "rad/s"
+    ) -> "Sequence[Axes]":
         """Draw storage and loss over frequency: see `plot_modulus`."""
-        # By name, since that module knows this one.
-        return import_module("viscovib.plots.rubber").plot_modulus(self, ax)  # type: ignore[no-any-return]
+        # By name, since that module imports this one.
+        return import_module("viscovib.plots.rubber").plot_modulus(self, ax, x=x)  # type: ignore[no-any-return]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

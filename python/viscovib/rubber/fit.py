@@ -3,7 +3,7 @@
 import math
 import os
 from abc import ABC, abstractmethod
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from importlib import import_module
@@ -105,6 +105,11 @@ class Profile(Value):
     rise: FloatArray
     interval: tuple[float, float]
     level: float
+
+    def plot(self, ax: "Axes | None" = None) -> "Axes":
+        """Draw the rise over the values, with the interval."""
+        # By name, since that module imports this one.
+        return import_module("viscovib.plots.rubber").plot_profile(self, ax)  # type: ignore[no-any-return]
 
 
 class KernelFit(Result, ABC):
@@ -239,10 +244,17 @@ class KernelFit(Result, ABC):
             lines.append(f"{name}: {value}  [{low:.6g}, {high:.6g}]")
         return lines
 
-    def plot(self, ax: "Axes | None" = None) -> Any:
-        """Draw the data and the fit: see `plot_fit`."""
-        # By name, since that module knows this one.
-        return import_module("viscovib.plots.rubber").plot_fit(self, ax)
+    def _predicted_error(self) -> FloatArray:
+        """Half width of the 95 % band of what the fit predicts; NaN if it is unknown."""
+        return np.full(self.measured.target.size, np.nan)
+
+    def plot(self, ax: "Axes | Sequence[Axes] | None" = None, *, x: str = "rad/s") -> Any:
+        """Draw data and fit with its 95 % band (of the parameters), and the residuals below.
+
+        A single axis shows no residuals. ``x``: "rad/s" or "hz". Returns a list of axes.
+        """
+        # By name, since that module imports this one.
+        return import_module("viscovib.plots.rubber").plot_fit(self, ax, x=x)
 
     def _columns(self) -> dict[str, FloatArray]:
         """What was measured, and what the fit says of it, over frequencies or times."""

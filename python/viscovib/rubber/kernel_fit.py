@@ -391,7 +391,7 @@ def _result(
         ramp = isinstance(measured.data, RelaxationData) and not measured.data.ramp
         warnings.warn(
             f"the instantaneous modulus {fit.modulus:.4g} lies beyond the largest one measured, "
-            f"{measured.largest:.4g}: it is what the kernel continues to"
+            f"{measured.largest:.4g}: it is an extrapolation by the kernel"
             + ("; a ramp taken as a step gives such a modulus, see ramp=" if ramp else ""),
             ConvergenceWarning,
             stacklevel=caller(),

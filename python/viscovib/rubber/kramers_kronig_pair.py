@@ -137,10 +137,10 @@ class KramersKronig(Result):
             },
         )
 
-    def plot(self, ax: "Axes | None" = None) -> "Axes":
+    def plot(self, ax: "Axes | None" = None, *, x: str = "rad/s") -> "Axes":
         """Draw the measured loss divided by the loss expected from the storage."""
-        # By name, since that module knows this one.
-        return import_module("viscovib.plots.rubber").plot_ratio(self, ax)  # type: ignore[no-any-return]
+        # By name, since that module imports this one.
+        return import_module("viscovib.plots.rubber").plot_ratio(self, ax, x=x)  # type: ignore[no-any-return]
 
 
 def kramers_kronig(data: ModulusData) -> KramersKronig:

@@ -139,11 +139,15 @@ class MasterCurve(Result):
         return fit_shift_law(self.temperatures, self.decades, law=law, reference=self.reference)
 
     def plot(
-        self, ax: "Axes | Sequence[Axes] | None" = None, *, law: ShiftLaw | None = None
+        self,
+        ax: "Axes | Sequence[Axes] | None" = None,
+        *,
+        law: ShiftLaw | None = None,
+        x: str = "rad/s",
     ) -> "Sequence[Axes]":
-        """Draw the curve and the factors: see `plot_master`."""
-        # By name, since that module knows this one.
-        return import_module("viscovib.plots.rubber").plot_master(self, ax, law=law)  # type: ignore[no-any-return]
+        """Draw the curve and the factors, with a law; ``x``: "rad/s" or "hz"."""
+        # By name, since that module imports this one.
+        return import_module("viscovib.plots.rubber").plot_master(self, ax, law=law, x=x)  # type: ignore[no-any-return]
 
 
 def master_curve(

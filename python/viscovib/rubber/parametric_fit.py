@@ -315,6 +315,15 @@ class ParametricFit(KernelFit):
     def _predicted(self) -> FloatArray:
         return self.measured.predicted(self.model, self.theta)
 
+    def _predicted_error(self) -> FloatArray:
+        from scipy.special import stdtrit
+
+        slopes = self.measured.slopes(self.model, self.theta)
+        free = max(self.measured.count - len(self.names), 1)
+        with np.errstate(invalid="ignore"):
+            squares = np.einsum("ij,jk,ik->i", slopes, self.covariance, slopes)
+        return np.asarray(stdtrit(free, 0.975) * np.sqrt(np.maximum(squares, 0)))
+
     def _saved(self) -> dict[str, Any]:
         return {
             "parts": list(self.model.parts),

@@ -35,6 +35,9 @@ _LEAST = 1e-6
 #: Weight of a modulus that is given; samples for intervals, and their seed.
 _GIVEN, _SAMPLES = 1e4, 200
 
+#: Fits to resampled data from which the band of a picture follows.
+_REFITS_OF_BAND = 40
+
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class PronyFit(KernelFit):
@@ -174,6 +177,11 @@ class PronyFit(KernelFit):
 
     def _predicted(self) -> FloatArray:
         return _design(self.measured, self.grid) @ self.found
+
+    def _predicted_error(self) -> FloatArray:
+        refits = np.array(list(self._refits(_REFITS_OF_BAND, 0)))
+        predicted = refits @ _design(self.measured, self.grid).T
+        return np.asarray(1.96 * predicted.std(axis=0))
 
     def _saved(self) -> dict[str, Any]:
         return {
