@@ -79,6 +79,18 @@ def broken(rng):
     return vv.LoadTable(times=times, values=rng.normal(size=times.size))
 
 
+@pytest.mark.parametrize(
+    "value",
+    [
+        vv.LoadTable(times=np.arange(500.0), values=np.ones((500, 6))),
+        vv.Past(times=np.arange(-499.0, 1), displacements=np.ones((500, 2))),
+    ],
+)
+def test_a_long_table_is_printed_in_a_line(value):
+    assert len(repr(value)) < 200
+    assert "500 numbers" in repr(value)
+
+
 @pytest.mark.parametrize("length", [0.001, 0.005, 0.011])
 def test_no_short_pulse_is_missed(length):
     rng = np.random.default_rng(int(1e4 * length))

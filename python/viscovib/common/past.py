@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from viscovib import _native
+from viscovib.common.values import short_repr
 from viscovib.errors import InputError
 
 #: Largest displacement that a motion may begin with, as in the core.
@@ -24,7 +25,7 @@ def check_start(state: npt.NDArray[np.float64]) -> None:
         )
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Past:
     """Displacements before t = 0, for springs with memory.
 
@@ -50,6 +51,8 @@ class Past:
 
     times: npt.ArrayLike
     displacements: npt.ArrayLike
+
+    __repr__ = short_repr
 
     def __post_init__(self) -> None:
         for name, ndim in (("times", 1), ("displacements", 2)):

@@ -30,8 +30,13 @@ class Value:
 
     def __repr__(self) -> str:
         """Name the fields; of long arrays only the shape and the ends."""
-        told = ", ".join(f"{name}={_short(getattr(self, name))}" for name in _public(self))
-        return f"{type(self).__name__}({told})"
+        return short_repr(self)
+
+
+def short_repr(value: Any) -> str:
+    """Return the name and the fields of a dataclass, with the shape and the ends of long arrays."""
+    fields = ", ".join(f"{name}={_short(getattr(value, name))}" for name in _public(value))
+    return f"{type(value).__name__}({fields})"
 
 
 def own(value: Any, deep: int = 0) -> Any:

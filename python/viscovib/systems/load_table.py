@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from viscovib import _native
 from viscovib._native import FloatArray
-from viscovib.common.values import own_fields
+from viscovib.common.values import own_fields, short_repr
 from viscovib.errors import InputError
 
 #: Pieces of a half sine: the spline is off by 6e-11 of its peak.
@@ -19,7 +19,7 @@ _PIECES = 256
 _JUMP = 1e-12
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class LoadTable:
     """A load given at times; 0 before the first and after the last time.
 
@@ -53,6 +53,8 @@ class LoadTable:
     interpolation: str = "linear"
     on: Any = None
     _kinds: ClassVar[tuple[str, ...]] = ("linear", "cubic")
+
+    __repr__ = short_repr
 
     def __post_init__(self) -> None:
         own_fields(self, "on")
