@@ -96,7 +96,7 @@ contains
           if (.not. abs(c) > epsilon(c)*sqrt(a*b)) cycle
           turned = .true.
           zeta = (b - a)/(2.0_wp*c)
-          tangent = sign(1.0_wp, zeta)/(abs(zeta) + sqrt(1.0_wp + zeta**2))
+          tangent = sign(1.0_wp, zeta)/(abs(zeta) + hypot(1.0_wp, zeta))
           cosine = 1.0_wp/sqrt(1.0_wp + tangent**2)
           sine = cosine*tangent
           column = u(:, i)
