@@ -93,7 +93,8 @@ contains
           a = dot_product(u(:, i), u(:, i))
           b = dot_product(u(:, j), u(:, j))
           c = dot_product(u(:, i), u(:, j))
-          if (.not. abs(c) > epsilon(c)*sqrt(a*b)) cycle
+          ! A column that is next to nothing would turn by angles out of the range of numbers.
+          if (.not. abs(c) > max(epsilon(c)*sqrt(a*b), 1.0e-150_wp*max(a, b))) cycle
           turned = .true.
           zeta = (b - a)/(2.0_wp*c)
           tangent = sign(1.0_wp, zeta)/(abs(zeta) + hypot(1.0_wp, zeta))
