@@ -7,10 +7,12 @@ module viscovib_chord
   implicit none
   private
 
-  public :: chord_type, chord_point, new_chord
+  public :: chord_type, chord_point, chord_factors, new_chord
 
   integer, parameter :: max_corrections = 12
   real(wp), parameter :: correction_tolerance = 1.0e-12_wp, as_rounding_lets = 1.0e-6_wp
+  !> For an estimate: the part of the first correction that matters no more.
+  real(wp), parameter :: part_of_first = 1.0e-5_wp
   !> Corrections that shrink by this factor need no new derivatives.
   real(wp), parameter :: fast = 0.1_wp
 
@@ -23,6 +25,16 @@ module viscovib_chord
     !> Unknowns, and dx/dsigma where `go_to` has found the point, shapes (n).
     real(wp), allocatable :: x(:), x_slope(:)
   end type chord_point
+
+  !> Factors of the bordered derivatives at the last point of a series of neighbours.
+  type :: chord_factors
+    !> Points are needed for an estimate of what the first correction changes.
+    logical :: estimate = .false.
+    !> Relative correction that is small enough; < 0: not known yet.
+    real(wp), private :: enough = -1.0_wp
+    real(wp), allocatable, private :: matrix(:, :)
+    integer, allocatable, private :: pivots(:)
+  end type chord_factors
 
   type :: chord_type
     real(wp) :: p = 0.0_wp
@@ -79,51 +91,75 @@ contains
 
   !> The point of the curve on the plane sigma, by Newton's method from between two others. Factors
   !! of the derivatives serve further corrections as long as these fall fast.
-  subroutine go_to(self, curve, sigma, a, b, found, made)
+  subroutine go_to(self, curve, sigma, a, b, found, made, factors)
     class(chord_type), intent(in) :: self
     class(curve_type), intent(inout) :: curve
     real(wp), intent(in) :: sigma
     type(chord_point), intent(in) :: a, b
     type(chord_point), intent(out) :: found
     logical, intent(out) :: made
-    real(wp) :: matrix(size(a%x) + 1, size(a%x) + 1), right(size(a%x) + 1)
-    real(wp) :: r(size(a%x)), by_p(size(a%x)), size_x, change, last, shrunk, part
-    integer :: pivots(size(a%x) + 1), n, k
-    logical :: singular, inside, factorized
+    !> Of the neighbour before, in and out.
+    type(chord_factors), intent(inout), optional :: factors
+    type(chord_factors) :: own
+    real(wp) :: part
 
-    n = size(a%x)
     part = (sigma - a%sigma)/(b%sigma - a%sigma)
     found%sigma = sigma
     found%x = a%x + part*(b%x - a%x)
     found%p = a%p + part*(b%p - a%p)
+    if (present(factors)) then
+      call correct(self, curve, found, factors, made)
+    else
+      call correct(self, curve, found, own, made)
+    end if
+  end subroutine go_to
+
+  subroutine correct(self, curve, found, factors, made)
+    class(chord_type), intent(in) :: self
+    class(curve_type), intent(inout) :: curve
+    type(chord_point), intent(inout) :: found
+    type(chord_factors), intent(inout) :: factors
+    logical, intent(out) :: made
+    real(wp) :: right(size(found%x) + 1), r(size(found%x)), by_p(size(found%x))
+    real(wp) :: size_x, change, last, shrunk
+    integer :: n, k
+    logical :: singular, inside, factorized
+
+    n = size(found%x)
     made = .false.
-    factorized = .false.
+    factorized = allocated(factors%matrix)
+    if (.not. factorized) allocate (factors%matrix(n + 1, n + 1), factors%pivots(n + 1))
+    if (.not. factors%estimate) factors%enough = correction_tolerance
     last = huge(last)
     do k = 1, max_corrections
       if (factorized) then
         call curve%residual(found%x, found%p, r, inside)
-        if (.not. inside) return
       else
-        call curve%equations(found%x, found%p, r, matrix, by_p, inside)
-        if (.not. inside) return
-        call self%border(by_p, matrix)
-        call factorize(n + 1, matrix, pivots, singular)
-        if (singular) return
+        call curve%equations(found%x, found%p, r, factors%matrix, by_p, inside)
+      end if
+      if (.not. inside) exit
+      if (.not. factorized) then
+        call self%border(by_p, factors%matrix)
+        call factorize(n + 1, factors%matrix, factors%pivots, singular)
+        if (singular) exit
       end if
       right(:n) = r
-      right(n + 1) = (self%sigma_of(found%p, found%x) - sigma)*self%length
-      call solve(n + 1, matrix, pivots, right)
+      right(n + 1) = (self%sigma_of(found%p, found%x) - found%sigma)*self%length
+      call solve(n + 1, factors%matrix, factors%pivots, right)
       found%x = found%x - right(:n)
       found%p = found%p - right(n + 1)
       size_x = norm2(found%x)
       change = norm2(right(:n))
-      if (.not. change <= size_x) return
+      if (.not. change <= size_x) exit
+      if (factors%enough < 0.0_wp) then
+        factors%enough = max(part_of_first*change/size_x, correction_tolerance)
+      end if
       ! The next correction is smaller by as much as this one, or by more.
       shrunk = 1.0_wp
       if (k > 1) shrunk = min(change/max(last, tiny(last)), 1.0_wp)
       ! To rounding, or as far as rounding lets it come.
-      made = change*shrunk <= correction_tolerance*size_x .and. abs(right(n + 1))*shrunk &
-             <= correction_tolerance*abs(found%p)
+      made = change*shrunk <= factors%enough*size_x .and. abs(right(n + 1))*shrunk &
+             <= factors%enough*abs(found%p)
       made = made .or. (.not. factorized .and. change <= as_rounding_lets*size_x &
                         .and. change >= last)
       found%left = change*shrunk/max(size_x, tiny(size_x))
@@ -132,12 +168,15 @@ contains
       factorized = k == 1 .or. shrunk <= fast
       last = change
     end do
-    if (.not. made) return
+    if (.not. made) then
+      deallocate (factors%matrix, factors%pivots)
+      return
+    end if
     right = 0.0_wp
     right(n + 1) = self%length
-    call solve(n + 1, matrix, pivots, right)
+    call solve(n + 1, factors%matrix, factors%pivots, right)
     found%slope = right(n + 1)
     found%x_slope = right(:n)
-  end subroutine go_to
+  end subroutine correct
 
 end module viscovib_chord

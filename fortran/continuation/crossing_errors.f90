@@ -9,7 +9,7 @@
 !! and of the cubic through four points otherwise.
 module viscovib_crossing_errors
   use, intrinsic :: ieee_arithmetic, only: ieee_is_finite, ieee_positive_inf, ieee_value
-  use viscovib_chord, only: chord_point, chord_type, new_chord
+  use viscovib_chord, only: chord_factors, chord_point, chord_type, new_chord
   use viscovib_crossing_nodes, only: spectrum_type
   use viscovib_curve, only: curve_type
   use viscovib_dense, only: factorize
@@ -28,10 +28,12 @@ module viscovib_crossing_errors
   real(wp), parameter :: regular_reaches(3) = [1.0e-4_wp, 1.0e-3_wp, 1.0e-2_wp]
   !> Exponents nearer to 0 belong to equations that are nearly singular.
   real(wp), parameter :: nearly_nothing = 1.0e-3_wp
-  !> The zero of the cubic is good so many reaches away.
-  real(wp), parameter :: close = 3.0_wp
-  !> A line serves where the place has moved by this times the square of the reach, in sigma.
-  real(wp), parameter :: line_serves = 1.0e3_wp
+  !> The zero of the cubic is good so many reaches away; that of the line serves as an estimate so
+  !! far away, in sigma.
+  real(wp), parameter :: close = 3.0_wp, close_enough = 0.05_wp
+  !> A line serves where the place has moved by this times the square of the reach, in sigma. The
+  !! square is added to the error.
+  real(wp), parameter :: line_serves = 30.0_wp
   !> The place may be so far away, in sigma, and is looked for so often.
   real(wp), parameter :: furthest = 2.0_wp
   integer, parameter :: max_turns = 10
@@ -99,6 +101,7 @@ contains
     real(wp), intent(out) :: error
     integer, intent(inout), optional :: cancel
     type(chord_point) :: here, there, nodes(n_nodes)
+    type(chord_factors) :: factors
     complex(wp) :: last, values(n_nodes)
     real(wp) :: reaches(3), begun, centre, reach, off, moved, slope, by_p, left, growth
     real(wp) :: growths(n_nodes)
@@ -121,6 +124,7 @@ contains
     last = eta
     reaches = regular_reaches
     if (abs(eta) < nearly_nothing) reaches = singular_reaches
+    factors%estimate = .true.
     try = 1
     turn = 0
     do while (turn < max_turns)
@@ -144,7 +148,7 @@ contains
         cycle
       end if
       if (.not. abs(off) < huge(off)) return
-      if (abs(off) <= close*reach) exit
+      if (abs(off) <= max(close*reach, close_enough)) exit
       centre = centre + sign(min(abs(off), 0.5_wp), off)
       if (abs(centre - begun) > furthest) return
       last = values(2)
@@ -162,6 +166,7 @@ contains
                        growth, made)
       if (made) off = abs(real(last) - real(values(2)))/nudge*left
     end if
+    if (n == n_line) off = off + reach**2*abs(slope)
     growth = maxval(growths(:n))
     off = (off + spectrum%noise*exp(max(0.0_wp, min(growth, 100.0_wp))))/abs(slope)
     error = error + abs(by_p)*off + maxval(nodes(:n)%left_p) + epsilon(1.0_wp)*abs(at_p)
@@ -174,7 +179,7 @@ contains
       integer, intent(in) :: first, final
       integer :: i
       do i = first, final
-        call chord%go_to(curve, centre + steps(i)*reach, here, there, nodes(i), made)
+        call chord%go_to(curve, centre + steps(i)*reach, here, there, nodes(i), made, factors)
         if (made) call exponent_at(curve, spectrum, nodes(i)%p, nodes(i)%x, last, values(i), &
                                    growths(i), made)
         if (.not. made) return
