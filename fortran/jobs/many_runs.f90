@@ -436,8 +436,8 @@ contains
     end if
     if (status%failed()) return
     h = self%spans(i)/job%n_steps
-    motion%longest = self%spans(i)/self%n_first
-    motion%thin = h/motion%longest
+    ! Those in steps shorter than the first have parts as much shorter.
+    motion%thin = h/(self%spans(i)/self%n_first)
     ! A method that is of motions side by side only gives way to the first.
     method = max(1, findloc(transient_methods, lane_methods(self%method), 1))
     call new_stepper(stepper, motion, method, self%starts(1::2, i), self%starts(2::2, i), &

@@ -1,7 +1,6 @@
 !> What a motion in time leaves behind, and how much two runs of it differ.
 module viscovib_trajectory
   use viscovib_kinds, only: i8, wp
-  use viscovib_reduction, only: state_mask
   use viscovib_simulate, only: run_coarse, run_completed, run_diverged
   use viscovib_watch, only: watch_type
   implicit none
@@ -73,7 +72,6 @@ module viscovib_trajectory
     real(wp) :: resolution = 0.0_wp
   contains
     procedure :: thin
-    procedure :: spread_out
     procedure :: row_of
     procedure :: sizes
   end type trajectory_type
@@ -239,22 +237,6 @@ contains
     some%states = self%states(:, ::k)
     if (allocated(self%whole)) some%whole = self%whole(:, ::k)
   end subroutine thin
-
-  !> From the coordinates computed to all, the others at rest.
-  subroutine spread_out(self, moved)
-    class(trajectory_type), intent(inout) :: self
-    !> Which were computed, shape (n_dof).
-    logical, intent(in) :: moved(:)
-    real(wp), allocatable :: states(:, :)
-    integer :: i
-    allocate (states(2*size(moved), size(self%t)))
-    states = 0.0_wp
-    states(pack([(i, i=1, size(states, 1))], state_mask(moved)), :) = self%states
-    if (allocated(self%last)) then
-      self%last = unpack(self%last, state_mask(moved), spread(0.0_wp, 1, size(states, 1)))
-    end if
-    call move_alloc(states, self%states)
-  end subroutine spread_out
 
   !> Largest value of each row of states, on the way too.
   pure function sizes(self)

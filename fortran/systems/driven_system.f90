@@ -42,8 +42,6 @@ module viscovib_driven_system
     logical :: timed = .false.
     !> Where that piece begins and ends.
     real(wp) :: present_piece(2) = 0.0_wp
-    !> True if a nonlinear system has no damping: rounding errors of its energy accumulate.
-    logical :: keeps_energy = .false.
     !> Whether the coordinates can leave what the equations describe.
     logical :: limited = .true.
     !> What its numbers may be.
@@ -61,8 +59,6 @@ module viscovib_driven_system
     type(law_layers), allocatable :: lane_layers(:)
     !> How many times as far as a polynomial follows what a layer depends on may go in a part.
     real(wp) :: thin = 1.0_wp
-    !> The longest step of the runs of a search; those in shorter ones have parts as much shorter.
-    real(wp) :: longest = 0.0_wp
     !> Length of the steps of a run.
     real(wp) :: step_length = 0.0_wp
     !> On which side of each the motion is when a run begins again, and which it is on; not
@@ -87,7 +83,6 @@ module viscovib_driven_system
     procedure :: physical
     procedure :: enter
     procedure :: take_sides
-    procedure :: begin_anew
     procedure :: signal_at
     procedure :: meet
     procedure :: jump
@@ -186,15 +181,6 @@ contains
     integer, intent(in) :: sides(:)
     if (size(sides) > 0) self%signals = self%signals
   end subroutine take_sides
-
-  !> Forget on which sides of surfaces a run has ended: the next one begins where its own start is.
-  subroutine begin_anew(self)
-    class(driven_system_type), intent(inout) :: self
-    if (.not. allocated(self%sides)) return
-    call self%take_sides(0*self%sides)
-    deallocate (self%sides, self%fresh)
-    self%grade = 0.0_wp
-  end subroutine begin_anew
 
   !> Length of the first part of a step behind a switch; 0: any, nothing fades as fast. It is less
   !! than the step, too: parts that are the same in steps of any length have errors that no

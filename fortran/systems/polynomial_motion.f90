@@ -129,8 +129,6 @@ contains
     motion%drives = [(nu, i=1, 2)]
     motion%quarters = [0, 3]
     motion%limited = .false.
-    motion%keeps_energy = size(system%monomials) > 0 .and. size(system%laws) == 0 &
-                          .and. motion%n_hidden == 0 .and. .not. any(abs(system%damping) > 0.0_wp)
     motion%range = range_of_degree(highest_degree(system%monomials), size(system%laws) > 0)
     motion%linear_rate = sqrt(maxval(sum(abs(motion%stiffness(:n, :)), 2))) &
                          + maxval(sum(abs(motion%damping(:n, :n)), 2))

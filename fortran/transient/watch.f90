@@ -58,7 +58,6 @@ module viscovib_watch
     procedure :: is_idle
     procedure :: look
     procedure :: count_of
-    procedure :: last_state
     procedure :: keep
     procedure :: drop_after
     procedure :: rows
@@ -180,13 +179,6 @@ contains
     integer, intent(in) :: which
     count_of = count(self%which(:self%n_found) == which)
   end function count_of
-
-  !> The state at the last passage.
-  pure function last_state(self) result(state)
-    class(watch_type), intent(in) :: self
-    real(wp) :: state(size(self%states, 1))
-    state = self%states(:, self%n_found)
-  end function last_state
 
   !> Passages in a step that count, ascending; after one that ends the run none.
   subroutine look(self, path, sticks, found)
