@@ -22,6 +22,7 @@ _WHOLE = "tests/python/test_structure.py compares it with the whole system"
 _MODES = "tests/python/test_modal_model.py compares it with the whole structure"
 NOTHING_TO_JUDGE = {
     "Kernel.plot": "a picture: tests/python/test_kernels.py reads its curves",
+    "Profile.plot": _PICTURE,
     "Mount.modes": "tests/python/test_mount.py: the paper's equations (7) and (8)",
     "NormalCoordinates": "tests/python/test_mount.py, with all of its methods",
     "NormalCoordinates.normal": "the same",
