@@ -1,4 +1,4 @@
-!> How a routine tells its caller that something is wrong.
+!> How a routine reports an error to its caller.
 !!
 !! Nothing below `app/` stops or prints: a routine that can fail has a
 !! `type(status_type), intent(out)` argument. An *outcome* of a computation
@@ -92,7 +92,7 @@ contains
     text = trim(buffer)
   end function show_integer
 
-  !> The shortest of a few formats that still tells the value apart, plain
+  !> The shortest of a few formats that still distinguishes the value, plain
   !! between 1e-4 and 1e7 and with an exponent outside.
   pure function show_real(value) result(text)
     real(wp), intent(in) :: value

@@ -10,7 +10,7 @@ module viscovib_stopping
 
   integer(c_int), bind(c, name='viscovib_stop'), volatile :: stop_flag
 
-  !> Pieces of long work begun since the program started, which tells that it goes on; about, with
+  !> Pieces of long work begun since the program started, which shows that it continues; about, with
   !! several threads.
   integer(c_int), volatile :: pieces = 0
 

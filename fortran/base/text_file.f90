@@ -124,7 +124,7 @@ contains
     end if
   end subroutine create
 
-  !> Add a line; whether it went well is told at the end.
+  !> Add a line; an error is reported at the end.
   subroutine add_line(self, line)
     class(text_writer), intent(inout) :: self
     character(len=*), intent(in) :: line

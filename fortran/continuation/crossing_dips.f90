@@ -3,7 +3,7 @@
 !! With multipliers mu the products of (mu - 1)/|mu|^(1/2), (mu + 1)/|mu|^(1/2) and, over pairs,
 !! (mu mu' - 1)/|mu mu'|^(1/2) are smooth along a curve, also where multipliers meet, and vanish
 !! at folds and branch points, at period doublings and at Neimark-Sacker bifurcations. A cubic
-!! through four neighbours tells whether one of them dips between the middle two.
+!! through four neighbours shows whether one of them dips between the middle two.
 module viscovib_crossing_dips
   use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
   use viscovib_kinds, only: wp

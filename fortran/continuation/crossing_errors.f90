@@ -1,7 +1,7 @@
 !> How far off places are where exponents of a curve's solutions cross the imaginary axis and
-!! where other branches leave: each is sought on the curve of more unknowns. That tells both what
-!! those left out change and how far from its place the search has ended; what rounding leaves of
-!! solutions and exponents is added.
+!! where other branches leave: each is sought on the curve of more unknowns. That gives both what
+!! those left out change and how far from its location the search has ended; rounding errors
+!! of solutions and exponents are added.
 !!
 !! At the place itself the equations may be singular. So what vanishes there, the real part of the
 !! exponent or the determinant of the bordered derivatives, is computed at points near it. Its zero
@@ -41,7 +41,7 @@ module viscovib_crossing_errors
   real(wp), parameter :: nudge = 1.0e-5_wp
   !> It is measured where the error is less than this times what is left of the motion.
   real(wp), parameter :: seen = 1.0e4_wp
-  !> Of determinants beside a place, relative to those a reach away.
+  !> Of determinants near a location, relative to those a reach away.
   real(wp), parameter :: noise_of_determinants = 1.0e-9_wp
 
   !> Takes the determinant of the bordered derivatives for an exponent.

@@ -15,7 +15,7 @@ module viscovib_crossing_nodes
     integer :: n = 0
     !> Real parts above it grow.
     real(wp) :: threshold = 0.0_wp
-    !> How far off exponents near the axis may be, beside others that do not grow.
+    !> How far off exponents near the axis may be, if other exponents do not grow.
     real(wp) :: noise = 1.0e-12_wp
     !> Whether multipliers are those of half a period.
     logical :: half_wave = .false.

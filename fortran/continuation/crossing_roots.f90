@@ -15,7 +15,7 @@ module viscovib_crossing_roots
   integer, parameter :: max_evaluations = 60, max_halvings = 12
   !> Wanted part of the distance between the two neighbours, and of a real part.
   real(wp), parameter :: narrow = 1.0e-11_wp, small = 1.0e-12_wp
-  !> Nodes told apart by counts alone end this close, where what crosses is this small.
+  !> Nodes distinguished by counts alone end this close, where what crosses is this small.
   real(wp), parameter :: near = 1.0e-9_wp, vanishing = 1.0e-5_wp
   !> How far off the real axis, or off i pi, an exponent on it may be.
   real(wp), parameter, public :: on_line = 1.0e-5_wp
@@ -48,7 +48,7 @@ contains
       kept_hi = hi
       call bracket_by_following(curve, spectrum, chord, lo, hi, root, located, cancel)
       if (located .or. given_up(cancel)) return
-      ! Exponents may turn so fast that none is followed: their number still tells the place.
+      ! Exponents may turn so fast that none is followed: their number still gives the location.
       lo = kept_lo
       hi = kept_hi
       call bracket_by_count(curve, spectrum, chord, lo, hi, root, located, cancel)
@@ -110,7 +110,7 @@ contains
     high = height(hi, place)
     level = 0.0_wp
     if (.not. low*high < 0.0_wp) then
-      ! One is on the axis, as far as numbers tell.
+      ! An exponent is on the axis within rounding error.
       level = spectrum%threshold
       low = low - level
       high = high - level

@@ -5,7 +5,7 @@
 !! known on both sides; in the rest the real part of an exponent, by size, is made 0, and what is
 !! left on both sides of the place found is searched on. Where nothing changes two crossings may
 !! still lie within a step: functions of all exponents that vanish at crossings, smooth along the
-!! curve, tell where.
+!! curve, determine where.
 module viscovib_crossing_search
   use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
   use viscovib_chord, only: chord_type, new_chord
@@ -137,8 +137,8 @@ contains
     end if
   end function something_changes
 
-  !> What changes between the neighbours: known places split the way. Beside them two more may lie
-  !! where a test dips.
+  !> What changes between the neighbours: known locations split the interval. Two more may be near
+  !! them where a test dips.
   subroutine explain_all(s, which, dip, cancel)
     type(search_type), intent(inout) :: s
     !> As of find_dip.

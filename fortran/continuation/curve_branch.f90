@@ -1,5 +1,5 @@
 !> A branch of solutions by pseudo-arclength continuation: along the curve (x, p)
-!! through folds, noting where others branch off and stopping where told.
+!! through folds, noting branch points and stopping at requested values.
 !!
 !! Steps by the angle between successive tangents (Keller, in: Applications of
 !! Bifurcation Theory, Academic Press (1977) 359). The determinant of the bordered
@@ -57,7 +57,8 @@ module viscovib_curve_branch
     !> Wanted values, and the steps to those met since `here`.
     real(wp), allocatable :: stops(:), places(:)
     real(wp) :: step = 0.0_wp, sign_wanted = 1.0_wp
-    !> Of the point measured last: size of the unknowns left out, and what rounding has moved it by.
+    !> Of the point measured last: size of the unknowns left out, and the effect of rounding errors
+    !! on it.
     real(wp) :: own = 0.0_wp, rounding = 0.0_wp
     !> Of the step just made: the angle between its tangents, and how far it lies off.
     real(wp) :: angle = 0.0_wp, off = 0.0_wp
@@ -329,7 +330,7 @@ contains
     end if
   end subroutine measure
 
-  !> What rounding leaves of a point just corrected.
+  !> Rounding error of a point just corrected.
   subroutine blur(f, point)
     type(follower_type), intent(inout) :: f
     type(curve_point), intent(inout) :: point

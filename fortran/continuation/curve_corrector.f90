@@ -51,7 +51,7 @@ module viscovib_curve_corrector
     !> Allowed besides, in the norm of the weights.
     real(wp) :: least = 0.0_wp
     logical :: outside = .false.
-    !> Whether the curve tells its groups of unknowns, so that steps and rounding are looked at.
+    !> True if the curve provides its groups of unknowns, so that steps and rounding are looked at.
     logical, private :: looks_at_groups = .false.
     !> Whether the derivatives factorized last are nearly singular.
     logical :: nearly_singular = .false.
@@ -212,7 +212,7 @@ contains
       if (.not. exact .and. k > 1) then
         ! Corrections fall as a geometric series: what is left of it.
         if (c%nearly_singular) then
-          ! Other factors may tell nothing of the direction that hardly changes the equations.
+          ! Other factors may not show the direction that hardly changes the equations.
           fresh = .true.
         else if (change < fast_enough*before) then
           if (change**2 <= max(far_below*allowed, rounding)*(before - change)) then
@@ -223,7 +223,7 @@ contains
           end if
           fresh = .false.
         else
-          ! After factors from elsewhere that did not serve, a small correction by them would tell
+          ! After factors from elsewhere that did not serve, a small correction by them would show
           ! nothing of what is left.
           fresh = .true.
         end if
@@ -256,7 +256,7 @@ contains
   end subroutine correct
 
   !> What a correction may be, in the units of `metric`, for the tolerance to hold for the motion
-  !! itself, be it small beside others.
+  !! itself, even if it is smaller than other unknowns.
   pure real(wp) function allowed_at(c, point) result(allowed)
     type(corrector_type), intent(in) :: c
     type(curve_point), intent(in) :: point

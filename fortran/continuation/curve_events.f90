@@ -477,7 +477,7 @@ contains
   end subroutine locate_value
 
   !> Corrected at a fixed p, next to it: where the equations are nearly singular rounding moves
-  !! points along the curve by more than places on it are told apart.
+  !! points along the curve by more than the distance at which points are distinct.
   subroutine at_value(curve, c, value, found, made)
     class(curve_type), intent(inout) :: curve
     type(corrector_type), intent(inout) :: c

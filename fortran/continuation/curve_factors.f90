@@ -3,7 +3,7 @@
 !! Of unknowns in blocks, such as the harmonics of each coordinate, those of what is linear meet
 !! others in pairs alone, order by order. They are eliminated first, a pair of each such block at
 !! a time, A x + B y = a, C x + D y = b: (D - C A^-1 B) y = b - C A^-1 a and x = A^-1 (a - B y).
-!! Where the entries of A^-1 B are large, as beside a resonance of what is linear with the rest
+!! Where the entries of A^-1 B are large, as near a resonance of what is linear with the rest
 !! held, pivots would be small: these pairs stay among the others.
 module viscovib_curve_factors
   use viscovib_block_factors, only: factorize_blocks

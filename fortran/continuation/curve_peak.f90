@@ -45,7 +45,7 @@ contains
   end function growth
 
   !> Whether the harmonic does not go from one point to the next as its slopes say: it may be small
-  !! beside others, and a resonance of its own no turn of the whole curve.
+  !! compared with other coordinates, and a resonance of its own no turn of the whole curve.
   pure logical function hides(self, here, next, step)
     class(harmonic_measure), intent(in) :: self
     type(curve_point), intent(in) :: here, next

@@ -39,7 +39,7 @@ module viscovib_curve_point
   type :: curve_metric
     real(wp), allocatable :: weights(:)
     real(wp) :: p_scale = 1.0_wp, largest = 0.0_wp
-    !> An unknown that counts beside them by its own relative error; 0: none.
+    !> An unknown that also counts, by its own relative error; 0: none.
     integer :: alone = 0
   end type curve_metric
 

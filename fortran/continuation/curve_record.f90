@@ -36,11 +36,11 @@ module viscovib_curve_record
     real(wp), allocatable :: parameter(:), direction(:), x(:, :)
     integer, allocatable :: iterations(:)
     !> What the last correction and rounding leave of each point: the estimated relative error of x
-    !! at its value of p, which beside a fold grows without bounds, and how far (x, p) is off the
+    !! at its value of p, which near a fold grows without bounds, and how far (x, p) is off the
     !! curve, shape (max_points).
     real(wp), allocatable :: error(:), off(:)
     !> Where the number of unknowns is chosen: how many were kept, and what leaving out others
-    !! changes of x at its value of p, relative to its size, which beside a fold grows without
+    !! changes of x at its value of p, relative to its size, which near a fold grows without
     !! bounds, and how far that is off the curve, shape (max_points).
     integer, allocatable :: kept(:)
     real(wp), allocatable :: truncation(:), missed(:)
@@ -113,7 +113,7 @@ contains
     branch%missed(1) = branch%missed(2)
   end subroutine take_from_next
 
-  !> Beside a fold, p - p_fold = a s^2 with s how far x is from it: a fold moved by e has, at the
+  !> Near a fold, p - p_fold = a s^2 with s how far x is from it: a fold moved by e has, at the
   !! same p, the motion at s sqrt(1 - e/|p - p_fold|). Where it may be moved past a point, there may
   !! be no solution at its value of p.
   subroutine doubt_beside_folds(self, weights)
@@ -179,7 +179,7 @@ contains
   end subroutine end_before
 
   !> From where the unknowns left out are as large as those kept, to its end, a branch is not one of
-  !! solutions, as beside a homoclinic orbit, whose period is without bounds: it ends before.
+  !! solutions, as near a homoclinic orbit, whose period is without bounds: it ends before.
   pure subroutine end_resolved(self)
     class(curve_branch_type), intent(inout) :: self
     integer :: i

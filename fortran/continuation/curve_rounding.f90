@@ -10,7 +10,7 @@ module viscovib_curve_rounding
 
   public :: truncation_shift, rounding_of, least_error, all_patterns, fold_error, fold_place
 
-  !> The largest of so many ulps of unknowns tells how far rounding moves a solution.
+  !> The largest of so many ulps of unknowns determines how far rounding moves a solution.
   real(wp), parameter :: ulps = 4.0_wp
   !> Ways to change unknowns by ulps: what one of them moves little another does not.
   integer, parameter :: all_patterns = 6
@@ -141,7 +141,7 @@ contains
     end do
   end subroutine least_error
 
-  !> How far rounding moves a solution relative to its size: what residuals an ulp apart tell.
+  !> How far rounding moves a solution relative to its size: from residuals an ulp apart.
   !! Where the derivatives factorized last are not nearly singular it is 0, unless patterns are
   !! given.
   subroutine rounding_of(curve, c, point, moved, patterns)

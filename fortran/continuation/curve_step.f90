@@ -45,7 +45,7 @@ contains
     !> Along the curve; the step is across it. Shape (n + 1).
     real(wp), intent(in) :: chord(:)
     !> Of x relative to its size, in the norm of the weights, or of what counts alone, whichever is
-    !! larger; and of p. 1 and |p| where nothing can be told, at most.
+    !! larger; and of p. 1 and |p| where nothing is known, at most.
     real(wp), intent(out) :: step, moved
     real(wp) :: size_x
     integer :: n

@@ -45,7 +45,7 @@ module viscovib_kernel
   !> Nodes of a panel over which the kernel no more than halves its argument; and
   !! of one over which an exponential may fall to nothing.
   integer, parameter, public :: panel_nodes = 16, decay_nodes = 32
-  !> exp(-vanished) is nothing beside 1.
+  !> exp(-vanished) is negligible compared with 1.
   real(wp), parameter, public :: vanished = 45.0_wp
 
   abstract interface

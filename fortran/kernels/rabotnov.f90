@@ -214,7 +214,7 @@ contains
 
   !> As `late_values`, for integral_t^inf R(s) ds = integral g(x) exp(-lambda t - x) dx, which
   !! decays like exp(-alpha |x|) to both sides. Of rates with lambda t < 1e-5 the sums of
-  !! g/lambda, g and g lambda tell all; they are taken once for all times.
+  !! g/lambda, g and g lambda are sufficient; they are computed once for all times.
   subroutine late_remainders(self, t, late, r)
     class(rabotnov_kernel), intent(in) :: self
     real(wp), intent(in) :: t(:)

@@ -7,7 +7,7 @@ module viscovib_table_start
 
   public :: log_ratio, unseen_start
 
-  !> First times that tell how a kernel begins: those below so many times the first one.
+  !> First times that show how a kernel begins: those below so many times the first one.
   real(wp), parameter :: decade = 10.0_wp
 
 contains

@@ -22,7 +22,7 @@ module viscovib_tabulated
 
   public :: tabulated_kernel, new_tabulated, unseen_integral
 
-  !> A table that lacks more than this part of its integral is told.
+  !> A table that lacks more than this part of its integral causes a warning.
   real(wp), parameter, public :: tabulated_unseen = 0.01_wp
   integer, parameter, public :: interpolation_linear = 0, interpolation_exponential = 1
 
@@ -33,7 +33,7 @@ module viscovib_tabulated
     !> Of each piece: slope (linear) or decay rate (exponential), shape (n-1).
     real(wp), allocatable, private :: slopes(:)
     !> Integral of R before the first time of the table that the interpolant lacks, as
-    !! far as its first decade tells; +infinity if that does not bound it.
+    !! far as its first decade shows; +infinity if that does not bound it.
     real(wp) :: unseen = 0.0_wp
   contains
     procedure :: transform

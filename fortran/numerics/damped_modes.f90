@@ -6,7 +6,7 @@
 !! with right and left vectors x and y of Q(s) = M s^2 + C s + K at each simple pole (Tisseur and
 !! Meerbergen, The quadratic eigenvalue problem, SIAM Rev. 43 (2001) 235). Poles are eigenvalues of
 !! the companion matrix, corrected by Newton's method; the vectors are the largest column and row of
-!! Q^-1 beside a pole. That leaves rounding next to the stiffest: Newton's method with residuals of
+!! Q^-1 near a pole. That leaves rounding next to the stiffest: Newton's method with residuals of
 !! twice the digits takes it away.
 module viscovib_damped_modes
   use, intrinsic :: iso_fortran_env, only: real128
@@ -18,7 +18,7 @@ module viscovib_damped_modes
 
   public :: find_damped_modes
 
-  !> How far beside a pole, in units of rounding, and passes that correct it.
+  !> Distance from a pole, in units of rounding, and passes that correct it.
   real(wp), parameter :: beside = 8.0_wp*epsilon(1.0_wp)
   integer, parameter :: passes = 3
   !> Changes of which the square is rounding, and passes that refine.

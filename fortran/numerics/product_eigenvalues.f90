@@ -1,4 +1,4 @@
-!> Eigenvalues of a long product of matrices, small ones beside large ones.
+!> Eigenvalues of a long product of matrices, small and large ones to the same accuracy.
 !!
 !! Of M = F_m ... F_1 those below epsilon times the largest are lost once the product is formed.
 !! Here its factors are kept: F_k Q_(k-1) = Q_k R_k with orthogonal Q and triangular R, over and
@@ -18,7 +18,7 @@ module viscovib_product_eigenvalues
   public :: product_type, product_eigenvalues
 
   !> A product grows to this before the next factor begins: what it shrinks at the same time must
-  !! not be lost beside it.
+  !! not be lost in its rounding error.
   real(wp), parameter, public :: largest_factor = 30.0_wp
   !> What a block may be coupled with those before it.
   real(wp), parameter :: separate = 1.0e-10_wp

@@ -111,7 +111,7 @@ contains
     !> Shape (m); masses > 0.
     real(wp), intent(in) :: points(:), masses(:)
     integer, intent(in) :: n
-    !> Shape (n); beside(k) couples k and k + 1.
+    !> Shape (n); `beside(k)` couples k and k + 1.
     real(wp), intent(out) :: diagonal(n), beside(n)
     !> Polynomials there are, fewer than n if the points are.
     integer, intent(out) :: found

@@ -62,7 +62,7 @@ contains
     end do
   end subroutine stage_states
 
-  !> The step itself, in compensated summation: what rounding leaves out of the
+  !> The step itself, in compensated summation: the rounding error of the
   !! state waits in the rests for the next step.
   pure subroutine end_of_step(n_dof, h, in_q, in_v, q, v, q_rest, v_rest)
     integer, intent(in) :: n_dof

@@ -177,7 +177,7 @@ contains
     left = real(total, wp)
   end function residual
 
-  !> E, 0 of pairs of which it tells nothing; modes to be taken apart together have one name.
+  !> E, 0 of pairs that it does not determine; modes to be taken apart together have one name.
   pure subroutine find_changes(squares, off, change, names)
     real(wp), intent(in) :: squares(:), off(:, :)
     real(wp), intent(out) :: change(:, :)

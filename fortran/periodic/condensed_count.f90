@@ -9,11 +9,11 @@
 !! Zeros that are known are divided out, F/[1 - exp(2 pi (lambda_k - lambda)/d)]; those right of the
 !! line count on their own, and were one of them no zero, it would count as a pole of what is left.
 !! What is left must be seen to change little from node to node. A zero that was not found has no
-!! pole beside it and turns the argument by pi, of which nodes see nothing only where two zeros lie
-!! between the same two: the modulus tells, beside them, so that an interval counts when it and its
-!! neighbours are quiet and none of them is much narrower.
+!! pole near it and turns the argument by pi, of which nodes see nothing only where two zeros lie
+!! between the same two: the modulus of the neighbouring intervals shows it, so that an interval
+!! counts when it and its neighbours are quiet and none of them is much narrower.
 !!
-!! Singularities of memory lie left of the line beside one of its ends. The interval there is no
+!! Singularities of memory lie left of the line near one of its ends. The interval there is no
 !! wider than they are away; sigma is a small part of d, so that the line passes right of the branch
 !! point of a kernel without integral.
 module viscovib_condensed_count

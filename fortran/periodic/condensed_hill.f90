@@ -47,7 +47,7 @@ module viscovib_condensed_hill
   !! before it acts on exponents, that small; fair where this takes more than a few unknowns.
   real(wp), parameter :: negligible = 0.2_wp, accurate = 1.0e-5_wp, fair = 3.0e-4_wp
   integer, parameter :: few_unknowns = 120, many_unknowns = 240
-  !> Parts of J so small beside the largest are left out.
+  !> Parts of J that are small compared with the largest are left out.
   real(wp), parameter :: silent = 1.0e-11_wp
   !> Modes are nearly rigid bodies whose poles are nearer to 0, in d.
   real(wp), parameter :: nearly_rigid = 1.0e-3_wp

@@ -11,7 +11,7 @@ module viscovib_condensed_mean
 
   public :: average, moved_by_waves
 
-  !> Waves of J so small beside the largest move no exponent much.
+  !> Fourier coefficients of J that are small compared with the largest hardly move exponents.
   real(wp), parameter :: faint = 1.0e-3_wp
 
 contains
@@ -55,7 +55,7 @@ contains
     type(condensed_hill), intent(in) :: self
     class(structure_type), intent(in) :: system
     complex(wp), intent(in) :: s
-    !> Not to be told from s.
+    !> Not distinguishable from s.
     real(wp), intent(in) :: distance
     real(wp), intent(out) :: moved
     real(wp) :: next, both, size_of

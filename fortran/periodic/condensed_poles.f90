@@ -2,8 +2,8 @@
 !!
 !! Elements of stiffness J move a pole p of the section c b^T/(a + r s + s^2) by about
 !! |b| |J| |c|/|2 p + r|, or by the root of |b| |J| |c| where two poles meet. Zeros of the
-!! determinant next to poles that move little beside their distance from the axis stay on their
-!! side of it.
+!! determinant next to poles that move little compared with their distance from the axis stay on
+!! their side of it.
 module viscovib_condensed_poles
   use viscovib_compliance, only: compliance_type
   use viscovib_constants, only: pi

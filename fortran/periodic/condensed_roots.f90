@@ -50,7 +50,7 @@ module viscovib_condensed_roots
     real(wp), allocatable, private :: nu(:)
     complex(wp), allocatable, private :: slope(:)
     !> Of each pole, and of the other zero of a pair that has met on a line of symmetry and parted;
-    !! amid the two, beside the mean exponent, in d.
+    !! amid the two, near the mean exponent, in d.
     type(local_shape), allocatable, private :: shape_at(:), shape_beside(:)
     real(wp), allocatable, private :: amid(:)
   contains

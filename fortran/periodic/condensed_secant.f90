@@ -23,9 +23,9 @@ module viscovib_condensed_secant
   !> Step to begin with, in d.
   real(wp), parameter, public :: first_step = 1.0e-4_wp
   !> In d: longest step by the slope of a motion nearby, how far from lines of symmetry such a zero
-  !! must be if not on them, and steps that tell how much the slope bends.
+  !! must be if not on them, and steps that show how much the slope bends.
   real(wp), parameter :: longest_chord = 0.02_wp, clear = 0.02_wp, telling = 1.0e-6_wp
-  !> A value that has grown by this factor over a step longer than this, in d, tells no slope: left
+  !> A value that has grown by this factor over a step longer than this, in d, gives no slope: left
   !! of where memory ends F grows by any factor, and a step back by that slope is 0 wherever it
   !! begins.
   real(wp), parameter :: grown = 1.0e3_wp, long = 3.0e-5_wp

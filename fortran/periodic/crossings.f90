@@ -27,7 +27,8 @@ module viscovib_crossings
 
   !> Error of exponents by monodromy matrices (`viscovib_floquet`).
   real(wp), parameter :: noise = 1.0e-11_wp
-  !> How far places are off beside what twice the orders tell, where orders fall off as powers.
+  !> How far places are off from the locations with twice the orders, where orders fall off as
+  !! powers.
   real(wp), parameter :: beside_kinks = 1.3_wp, beside_jumps = 2.0_wp
 
   !> Exponents of motions, and of their half-wave halves under that symmetry.

@@ -1,10 +1,10 @@
 !> The force laws of a system that are no polynomials, in a harmonic balance: harmonics and their
 !! derivatives.
 !!
-!! A smooth law is taken at samples that tell it: those of the balance, or if the highest harmonics
-!! that these know are not small, twice as many, and so on. If the most that there is room for do
-!! not tell it, the law is integrated piece by piece, as one with kinks and one with hysteresis
-!! always is.
+!! A smooth law is taken at samples that resolve it: those of the balance, or if the highest
+!! harmonics that these know are not small, twice as many, and so on. If the most that there is room
+!! for do not resolve it, the law is integrated piece by piece, as one with kinks and one with
+!! hysteresis always is.
 module viscovib_cycle_terms
   use viscovib_constants, only: pi
   use viscovib_harmonic_set, only: harmonic_set_type, new_harmonic_set, samples_of_laws

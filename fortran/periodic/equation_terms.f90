@@ -9,7 +9,7 @@ module viscovib_equation_terms
 contains
 
   !> Raise the size of the largest term of each equation to that of inertia, which cancels with
-  !! stiffness in the derivatives beside a resonance; and of all orders of a coordinate to the
+  !! stiffness in the derivatives near a resonance; and of all orders of a coordinate to the
   !! largest, for forces are sums over samples that all orders share.
   pure subroutine raise_by_inertia(mass, rates, x, terms)
     real(wp), intent(in) :: mass(:, :)

@@ -157,7 +157,8 @@ contains
   end subroutine block_of
 
   !> The same matrix of one solution as a product, whose eigenvalues are known where those of
-  !! the matrix are lost beside its largest, or where it leaves the range of numbers.
+  !! the matrix are lost in the rounding error of its largest, or where it leaves the range of
+  !! numbers.
   subroutine factors(self, system, nu, x, product, found, cancel)
     class(floquet_type), intent(inout) :: self
     class(oscillator_type), intent(in) :: system
@@ -195,7 +196,7 @@ contains
     self%density = 1.0_wp
   end subroutine factors
 
-  !> So many steps of a period, or half of one, of length h that samples tell the highest order
+  !> So many steps of a period, or half of one, of length h that samples resolve the highest order
   !! of K apart.
   pure real(wp) function least_steps(self, h)
     class(floquet_type), intent(in) :: self

@@ -60,7 +60,7 @@ contains
     if (k > 0) self%main_order = max(self%main_order, orders(k))
   end subroutine look_at
 
-  !> The highest order of the set that judges the one looked at. Beside kinks, where orders fall off
+  !> The highest order of the set that checks the present one. At kinks, where orders fall off
   !! as k^-4, those of more than twice the highest make less than 1 % of those left out, and those
   !! next to the highest may vanish between two beats.
   pure integer function judging_order(self)
@@ -79,8 +79,8 @@ contains
     !> Unknowns of the larger set at points and folds, those left out as 0, shapes (curve%n, n) and
     !! (curve%n, n_folds).
     real(wp), intent(in) :: x(:, :), at_folds(:, :)
-    !> Its truncation, shape (n), is 1 where the larger set tells nothing, 0 where not judged, as
-    !! the curve will be followed again or was given up.
+    !> Its truncation, shape (n), is 1 where the larger set gives no information, 0 where not
+    !! estimated, as the curve will be followed again or was given up.
     type(curve_branch_type), intent(inout) :: branch
     logical, intent(out) :: again
     !> May be set from elsewhere to give up.

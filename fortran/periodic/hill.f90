@@ -10,14 +10,12 @@
 !! w_j, b_j and A the Fourier coefficients of dw_j/du, dF/dv_j and dF/du along the
 !! solution (Hill, Acta Math. 8 (1886) 1, for equations without memory). Where w_j depends on
 !! rates, those of dw_j/du' times s_l are added to w_j,(m-l); their mean, if it has no memory, joins
-!! C, since it alone decides how the determinant converges. Slopes of F by rates stand beside A,
-!! times s_l. Everything
-!! is multiplied by M^(-1) and divided by (s_k + a)^2, so that the determinant tends
-!! to a periodic function of lambda with period i d that has no poles where
-!! Re lambda >= 0 and no winding at large Re lambda. d is nu; under half-wave
-!! symmetry slopes have half the period, odd orders k stand for themselves, and d is
-!! 2 nu. exp(2 pi lambda/d) are the multipliers of `viscovib_floquet`, h of half a
-!! period under half-wave symmetry.
+!! C, since it alone decides how the determinant converges. Derivatives of F by rates are added to
+!! A, times s_l. Everything is multiplied by M^(-1) and divided by (s_k + a)^2, so that the
+!! determinant tends to a periodic function of lambda with period i d that has no poles where Re
+!! lambda >= 0 and no winding at large Re lambda. d is nu; under half-wave symmetry slopes have half
+!! the period, odd orders k stand for themselves, and d is 2 nu. exp(2 pi lambda/d) are the
+!! multipliers of `viscovib_floquet`, h of half a period under half-wave symmetry.
 module viscovib_hill
   use viscovib_band_elimination, only: band_determinant
   use viscovib_constants, only: pi

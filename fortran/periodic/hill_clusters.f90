@@ -1,6 +1,6 @@
-!> Exponents side by side, together.
+!> Exponents close to each other, computed together.
 !!
-!! Memory that hardly couples gives each spring an exponent of nearly the same size. Beside m zeros
+!! Memory that hardly couples gives each spring an exponent of nearly the same size. Near m zeros
 !! Hill's determinant D is so small that rounding moves each by the m-th root of its own size,
 !! while their mean stays sharp. On a circle about them, lambda = c + r z, |z| = 1,
 !!
@@ -8,9 +8,9 @@
 !!   s_k = sum_i ((lambda_i - c)/r)^k
 !!
 !! if the circle holds m zeros and nothing else (it turns D by 2 pi m). Newton's identities give the
-!! polynomial of the zeros. The a_k and b_k of high k are what rounding leaves. Zeros whose sums are
+!! polynomial of the zeros. The a_k and b_k of high k are rounding errors. Zeros whose sums are
 !! these are right as they were found. Of others those of the polynomial are taken, and where these
-!! lie no further apart than the m-th root of that rounding says, all are told as their mean.
+!! lie no further apart than the m-th root of that rounding says, all get their mean.
 !! (Kravanja and Van Barel, Computing the Zeros of Analytic Functions, Springer 2000.)
 module viscovib_hill_clusters
   use, intrinsic :: ieee_arithmetic, only: ieee_is_nan
@@ -27,13 +27,13 @@ module viscovib_hill_clusters
 
   !> Exponents nearer than this, in d, are side by side.
   real(wp), parameter :: near = 1.0e-4_wp
-  !> Values on a circle, those above the line of symmetry; zeros at most that its turns tell.
+  !> Values on a circle, those above the line of symmetry; zeros at most that its turns show.
   integer, parameter :: half = 12, most = 6
   !> Circles tried, each twice as wide, from this many times the distance of the outermost zero, and
   !! the least radius in d: within it D itself is lost.
   integer, parameter :: n_circles = 6
   real(wp), parameter :: wider = 8.0_wp, least = 2.0e-5_wp
-  !> Numbers are told apart from as many times what rounding moves them.
+  !> Numbers are distinct beyond this multiple of their rounding error.
   real(wp), parameter :: sure = 8.0_wp
 
 contains
@@ -74,7 +74,7 @@ contains
     call sort_falling(exponents(:n), real(exponents(:n)))
   end subroutine sharpen_clusters
 
-  !> A group takes in what lies beside one of it.
+  !> A group contains zeros that are near one of its members.
   pure subroutine spread_out(exponents, taken, distance, group)
     complex(wp), intent(in) :: exponents(:)
     logical, intent(in) :: taken(:)

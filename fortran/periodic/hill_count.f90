@@ -15,12 +15,12 @@
 !!
 !! The logarithm of what is left must be seen to change little from node to node. Two zeros
 !! next to the line between the same two nodes turn it by 2 pi there, of which the nodes see
-!! nothing. The modulus tells, beside them: x and y being their places in the interval, 0 to 1,
+!! nothing. The modulus near them shows it: x and y being their places in the interval, 0 to 1,
 !! and w the width of the interval before, it changes there by the factor (1 + w/x)(1 + w/y),
 !! and alike behind with 1 - x and 1 - y; with w >= 1/2 one of both is 4 or more. So an interval
 !! counts when it and its neighbours are quiet, and none of them may be much narrower.
 !!
-!! Singularities of memory lie left of the line beside one of its ends, and hide zeros as near to
+!! Singularities of memory lie left of the line near one of its ends, and hide zeros as near to
 !! them. Unless all exponents are known that the motion has without memory, and none of memory lies
 !! right of the line, the interval at that end is no wider than they are away.
 module viscovib_hill_count
@@ -77,7 +77,7 @@ contains
     integer :: i
     logical :: made, relaxed, of_its_own(size(known))
 
-    ! On the line to rounding: who could tell.
+    ! On the line within rounding error: its side is unknown.
     if (any(abs(real(known) + path%shift) <= on_axis*hill%period)) return
     call choose(hill, known, path, divided, relaxed)
     away = max(fading_rate(system) - path%shift, narrowest*hill%period)
@@ -105,7 +105,7 @@ contains
     class(oscillator_type), intent(in) :: system
     complex(wp), intent(in) :: divided(:)
     logical, intent(in) :: relaxed
-    !> Of the interval beside memory at most.
+    !> Largest width of the interval near the singularity of memory.
     real(wp), intent(in) :: width
     type(hill_path_type), intent(inout) :: path
     real(wp), intent(out) :: turn
@@ -122,7 +122,7 @@ contains
       turn = sum(aimag(change))
       widths = abs(path%lambda(2:path%n) - path%lambda(:path%n - 1))
       call mark_intervals(widths, change, marked)
-      ! The interval beside memory may be so wide only.
+      ! The interval near the singularity of memory has a limited width.
       last = merge(path%n - 1, 1, hill%stride == 2)
       marked(last) = marked(last) .or. widths(last) > width
       if (.not. any(marked)) return
@@ -132,7 +132,7 @@ contains
     made = .false.
   end subroutine follow
 
-  !> Which zeros to divide out, and whether also what memory leaves of the static stiffness. Beside
+  !> Which zeros to divide out, and whether also what memory leaves of the static stiffness. Near
   !! exponents of memory the determinant is singular, at the rate at which memory fades; what both
   !! do to it nearly cancels, and is nearly what they do to that stiffness. What changes least from
   !! node to node is taken.

@@ -2,7 +2,7 @@
 !! lambda = s, real s > 0 and small (lambda = i d/2 + s under half-wave symmetry).
 !!
 !! Where the integral of a kernel exceeds 1, or does not exist, a motion creeps at rates that may
-!! be many decades below its frequency, beside the branch point of memory at s = 0. There D
+!! be many decades below its frequency, near the branch point of memory at s = 0. There D
 !! changes with the logarithm of s, t = log(s/d): D(t) is real for real t and has no singularity
 !! in |Im t| < pi. So on a circle of radius r < pi about a centre c its Taylor series
 !!
@@ -27,8 +27,9 @@ module viscovib_hill_creep
   real(wp), parameter :: slowest = 1.0e-12_wp
   !> Width of strips and radius of circles, in t.
   real(wp), parameter :: width = 1.2_wp, r = 1.0_wp
-  !> As many strips reach from the slowest to 0.29 d: the next singularities, of the orders beside,
-  !! are at t = +-i pi/2. Rates beyond the slow ones, up to 0.008 d, are found as others are.
+  !> As many strips reach from the slowest to 0.29 d: the next singularities, of the neighbouring
+  !! orders, are at t = +-i pi/2. Rates beyond the slow ones, up to 0.008 d, are found as others
+  !! are.
   integer, parameter :: n_strips = 22, n_slow = 19
   !> Values on a circle, of which all but two count twice, and the degree that is kept.
   integer, parameter :: half = 24, degree = 24

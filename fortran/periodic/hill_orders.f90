@@ -60,7 +60,7 @@ contains
 
   !> What memory leaves of the static stiffness at rest at s = lambda (lambda - i d/2 under
   !! half-wave symmetry), det K(s)/det K without memory; 1 where that vanishes. Near s = 0 this is
-  !! how slow memory enters D: with singularities where it fades, and zeros beside them.
+  !! how slow memory enters D: with singularities at its rates, and zeros near them.
   complex(wp) function relaxation(hill, system, lambda) result(ratio)
     class(hill_type), intent(in) :: hill
     class(oscillator_type), intent(in) :: system

@@ -11,7 +11,7 @@ module viscovib_hill_reach
   integer, parameter, public :: max_unknowns = 360
   !> Orders are kept until what reaches the next ones is this small: exponents feel its square.
   real(wp), parameter :: accurate = 1.0e-5_wp
-  !> Waves of the stiffness so small beside its mean reach nowhere.
+  !> Fourier coefficients of the stiffness that are small compared with its mean have no effect.
   real(wp), parameter :: silent = 1.0e-11_wp
 
 contains

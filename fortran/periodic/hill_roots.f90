@@ -27,13 +27,13 @@ module viscovib_hill_roots
   integer, parameter :: max_iterations = 30, patience = 6
   real(wp), parameter :: long = 3.0e-5_wp
   !> In units of d: the range of Re lambda, longest step, last step wanted and least, distance
-  !! that tells two exponents apart, distance from a line of symmetry that counts as
+  !! that distinguishes two exponents, distance from a line of symmetry that counts as
   !! on it.
   real(wp), parameter, public :: leftmost = -1.5_wp
   real(wp), parameter :: rightmost = 4.0_wp, longest = 0.2_wp
   real(wp), parameter :: last_step = 1.0e-8_wp, smallest_step = 1.0e-13_wp
   real(wp), parameter :: apart = 1.0e-9_wp, on_line = 1.0e-7_wp
-  !> A value that has grown by this factor over a step longer than `long` tells no slope: left of
+  !> A value that has grown by this factor over a step longer than `long` gives no slope: left of
   !! where memory ends D grows by any factor, and a step back by that slope is 0 wherever it begins.
   real(wp), parameter :: grown = 1.0e3_wp
   !> Zeros so near to each other slow the secant method down unless one is divided out.
@@ -192,7 +192,7 @@ contains
       if (aimag(starts(i)) < 0.0_wp) cycle
       if (.not. done()) call try(hill, system, starts(i), exponents, n, beside=.true.)
     end do
-    ! Beside the singularities of memory approximations are bad.
+    ! Near the singularities of memory approximations are bad.
     do i = 1, size(grid_beside)
       if (done()) exit
       call try(hill, system, cmplx(-0.5_wp*path%shift, &
@@ -272,11 +272,11 @@ contains
       again = is_known(apart)
     end if
     if (again) then
-      ! Another one beside those known, then made sharp as a zero of D itself.
+      ! Another one near those known, then made sharp as a zero of D itself.
       call zero_near(hill, system, exponents(:n), start, rough, made)
       if (.not. made) return
       root = rough
-      ! A twin of one that is known is told from it only where that is divided out.
+      ! A zero close to a known one is found only if the known one is divided out.
       if (.not. is_known(twin)) then
         call zero_near(hill, system, exponents(:0), rough, root, made)
         if (.not. made) return
@@ -363,7 +363,7 @@ contains
     complex(wp), intent(in) :: known(:), start
     complex(wp), intent(out) :: root
     logical, intent(out) :: made
-    !> Not made where it cannot be told on which side of the axis it is.
+    !> Not refined if its side of the axis cannot be determined.
     logical, intent(in), optional :: sided
     complex(wp) :: before, value_before, value, step, ratio
     real(wp) :: last, earlier, error, shortest, furthest, least, poles
@@ -412,7 +412,7 @@ contains
       made = error <= smallest_step*hill%period &
              .or. (abs(step) <= last_step*hill%period .and. abs(step) >= last)
       if (made) then
-        ! Closer to the axis than to be told from it.
+        ! Too close to the axis to be distinguished from it.
         if (present(sided) .and. error > smallest_step*hill%period) then
           made = .not. sided .or. abs(real(root)) > 3.0_wp*error
         end if

@@ -65,8 +65,8 @@ module viscovib_kinked_motion
 
 contains
 
-  !> Whether a system is judged so: laws with kinks, jumps or states, without memory or beside sums
-  !! of exponentials that fade.
+  !> True for systems that are treated so: laws with kinks, jumps or states, without memory or with
+  !! sums of exponentials that fade.
   logical function is_kinked(system)
     class(oscillator_type), intent(in) :: system
 

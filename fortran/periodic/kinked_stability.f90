@@ -1,9 +1,9 @@
 !> Floquet multipliers of motions with laws that kink or jump and elements with states, the latter
-!! beside sums of exponentials too.
+!! with sums of exponentials too.
 !!
 !! Disturbances (`viscovib_kinked_motion`) are integrated from one phase at which a law changes its
 !! branch to the next, over pieces on which the equation Y' = A(t) Y is solved at the sixteen points
-!! of Gauss, Y = Y_0 + integral of A Y, by iteration; a piece that sixteen points do not tell is
+!! of Gauss, Y = Y_0 + integral of A Y, by iteration; a piece that sixteen points do not resolve is
 !! halved. Where laws are straight between their kinks, as a gap, A does not change on a piece, and
 !! Y = exp(A t) Y_0 by its series. A jump on the way is a map of its own (`viscovib_jump_maps`).
 module viscovib_kinked_stability
@@ -136,7 +136,7 @@ contains
     end do
   end subroutine integration
 
-  !> Bring the disturbances over one piece, unless sixteen points do not tell them.
+  !> Integrate the perturbations over one piece, unless sixteen points do not resolve them.
   subroutine one_piece(system, set, nu, x, rest, elements, integral, from, to, last, y, done)
     class(oscillator_type), intent(in) :: system
     type(harmonic_set_type), intent(in) :: set

@@ -1,7 +1,7 @@
 !> Force laws over a cycle, integrated from one kink or jump to the next.
 !!
 !! Harmonics of f(a(theta)) along a motion a are integrals over the pieces between the phases at
-!! which the law changes its branch, each halved until sixteen points of Gauss tell it. Where f
+!! which the law changes its branch, each halved until sixteen Gauss points resolve it. Where f
 !! jumps at a phase t, g(a(t)) = 0, the harmonics move with the motion by what t does,
 !! dt = -dg/(dg/dtheta), times the jump.
 module viscovib_law_cycle
@@ -19,9 +19,10 @@ module viscovib_law_cycle
 
   public :: find_switches, law_parts, law_slopes, law_sums
 
-  !> Shortest piece, in units of the longest one, and how far beside a jump it is looked at.
+  !> Shortest piece, in units of the longest one, and how close to a jump it is evaluated.
   real(wp), parameter :: shortest = 1.0e-5_wp, beside = 1.0e-8_wp
-  !> Pieces that are tried before the rest is taken as it is: rounding is never told by its points.
+  !> Pieces that are tried before the remaining part is accepted: points do not resolve rounding
+  !! errors.
   integer, parameter :: most_pieces = 400
 
   !> What the derivatives of a law along a motion are made of.

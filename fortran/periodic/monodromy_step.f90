@@ -109,7 +109,7 @@ contains
     call update(table, n, g(1, 1, n_nodes*n + 1), y, error)
   end subroutine advance_drag
 
-  !> The matrix and the right sides beside it.
+  !> The matrix and its right sides.
   pure subroutine assemble(table, n, nodes, first, k, damping, y, g)
     type(step_table), intent(in) :: table
     integer, intent(in) :: n, nodes, first

@@ -1,4 +1,4 @@
-!> What tables tell of periodic motions besides their harmonics: how far off they are as solutions
+!> Columns of periodic motions in tables in addition to harmonics: how far off they are as solutions
 !! of their equations, what samples leave of error, and the energy that a motion loses in a period.
 !!
 !! With the harmonics F_k of all forces and X_k of the motion relative to the base, the energy is

@@ -51,7 +51,7 @@ contains
                    *sqrt(max(1.0_wp, maxval([(system%mass(d, d), d=1, system%n_dof())])))
   end function largest_norm
 
-  !> What the size of a motion is of that relative to the base, x, 1 at most: errors are told of the
+  !> What the size of a motion is of that relative to the base, x, 1 at most: errors refer to the
   !! motion itself, which a base may leave at rest nearly while the springs follow it.
   real(wp) function share_of_motion(system, load, factor, orders, x) result(share)
     class(oscillator_type), intent(in) :: system

@@ -298,7 +298,7 @@ contains
       if (self%half_wave) roots = roots**2
       stability%multipliers(:n, i) = roots(:n)
       stability%n_growing(i) = count(abs(roots) > 1.0_wp + circle)
-      ! The sum of harmonics tells rates where a law jumps to some digits only.
+      ! The sum of harmonics gives rates to a few digits only if a law jumps.
       if (jumps(i) .and. any(abs(abs(roots) - 1.0_wp) < jumping_circle)) stability%n_growing(i) = -1
       stability%slowest(i) = .true.
     end do
@@ -360,7 +360,8 @@ contains
     end do
   end subroutine by_floquet
 
-  !> Logarithms of the same eigenvalues where those of the matrix are lost beside its largest.
+  !> Logarithms of the same eigenvalues where those of the matrix are lost in the rounding error of
+  !! its largest.
   subroutine logs_of_product(self, system, nu, x, logs, found, cancel)
     class(judge_type), intent(inout) :: self
     class(oscillator_type), intent(in) :: system
@@ -416,7 +417,7 @@ contains
         before = near
         near = exponents
         at = [i, at(1)]
-        ! Exponents that are not those counted are not told, and then none is the slowest.
+        ! Exponents that are not those counted are not reported, and then none is the slowest.
         if (n_right_of(0.0_wp, exponents) /= stability%n_growing(i)) then
           exponents = not_a_number()
           stability%slowest(i) = .false.

@@ -49,7 +49,7 @@ contains
     !> Left alone unless the outcome is converged. With them corrections as small as the rounding
     !! of forces makes them are enough, and they say how large these are.
     type(newton_factors), intent(inout), optional :: factors
-    !> Whether what rounding leaves is enough where that is more than the tolerance.
+    !> True if rounding error is accepted where it exceeds the tolerance.
     logical, intent(in), optional :: to_rounding
     !> Allowed besides, in the same norm.
     real(wp), intent(in), optional :: least

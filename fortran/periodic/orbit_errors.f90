@@ -96,7 +96,7 @@ contains
     if (.not. status%failed()) call ladder%prepare(ladder%last + ladder%step, status)
   end subroutine make_ready
 
-  !> The points of the branch beside a place, in the unknowns of more shells.
+  !> The points of the branch near a location, in the unknowns of more shells.
   subroutine neighbours(ladder, x, before, first, ends)
     type(torus_ladder), intent(in) :: ladder
     real(wp), intent(in) :: x(:, :)

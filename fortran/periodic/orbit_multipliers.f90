@@ -9,7 +9,7 @@ module viscovib_orbit_multipliers
 
   public :: multipliers_of, told_apart, count_larger, logarithm
 
-  !> Beside a larger eigenvalue of a matrix those near the unit circle are lost, and beside one so
+  !> In the presence of a larger eigenvalue those near the unit circle are lost; with one so
   !! many times as large the smallest.
   real(wp), parameter :: largest_root = 1.0e6_wp, widest = 1.0e6_wp
 
@@ -39,7 +39,7 @@ contains
     end if
   end function logarithm
 
-  !> Whether the eigenvalues of a matrix are all known beside its largest.
+  !> True if all eigenvalues of a matrix are accurate despite its largest.
   pure logical function told_apart(values)
     complex(wp), intent(in) :: values(:)
     told_apart = .not. any(ieee_is_nan(real(values)))

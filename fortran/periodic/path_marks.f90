@@ -15,7 +15,7 @@ module viscovib_path_marks
 contains
 
   !> Those that are not quiet, their neighbours unless these are narrower, and those that are too
-  !! wide beside a neighbour.
+  !! wide compared with a neighbour.
   pure subroutine mark_intervals(width, change, marked)
     !> Of each interval: its width, and ln of the ratio of the determinant at its ends.
     real(wp), intent(in) :: width(:)

@@ -18,7 +18,8 @@ module viscovib_phase_panels
   !> Length of a piece times the highest order at most: of products of two such waves sixteen
   !! points leave 1e-13.
   real(wp), parameter :: phase_at_most = 10.0_wp
-  !> Part that the last two Legendre polynomials may have in a function that is told by its points.
+  !> Part that the last two Legendre polynomials may have in a function that is resolved by its
+  !! points.
   real(wp), parameter :: resolved = 1.0e-11_wp
 
   !> Coefficients of a function by the Legendre polynomials 14 and 15, from its values:
@@ -93,7 +94,7 @@ contains
     end do
   end function motion_at
 
-  !> Whether sixteen points tell a function: its last two Legendre coefficients are small.
+  !> True if sixteen points resolve a function: its last two Legendre coefficients are small.
   pure logical function is_resolved(f, size_of)
     real(wp), intent(in) :: f(nodes), size_of
     is_resolved = maxval(abs(matmul(f, last_two))) <= resolved*max(size_of, maxval(abs(f)))

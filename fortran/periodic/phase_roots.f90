@@ -88,7 +88,7 @@ contains
     end do
     do i = 1, n + 1
       theta = (i - 1)*step
-      ! Beside grazing a function may be across for less than a sample, at both ends too.
+      ! Near grazing a function may be across for less than a sample, at both ends too.
       left = g(max(i - 1, 1))
       right = g(min(i + 1, n + 1))
       if (i == 1) then
@@ -126,7 +126,7 @@ contains
   subroutine find_summit(motion, from, step, above, summit, value)
     class(along_motion), intent(in) :: motion
     real(wp), intent(in) :: from, step
-    !> The sign of the function beside it.
+    !> The sign of the function near it.
     logical, intent(in) :: above
     real(wp), intent(out) :: summit, value
     real(wp) :: apart, before, after, half

@@ -3,7 +3,7 @@
 !!
 !! There are such where a kernel R has an integral above 1, or none: then springs push where
 !! they have relaxed. The faster memory acts the faster that is, far beyond all frequencies of
-!! the load, where nothing else tells of these exponents.
+!! the load, where no other method gives these exponents.
 module viscovib_rest_growth
   use viscovib_dense, only: factorize
   use viscovib_eigenvalues, only: eigenvalues
@@ -24,7 +24,7 @@ module viscovib_rest_growth
 
 contains
 
-  !> Ascending, such side by side each for itself: the number of negative eigenvalues tells how many
+  !> Ascending, such side by side each for itself: the number of negative eigenvalues gives how many
   !! there are between two rates.
   subroutine rates_from_rest(system, nu, rates)
     class(oscillator_type), intent(in) :: system

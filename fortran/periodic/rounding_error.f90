@@ -1,5 +1,5 @@
 !> How far periodic motions found are off those that their equations have: what is left to correct,
-!! and what rounding leaves.
+!! and rounding errors.
 !!
 !! A motion x of the orders kept has a residual R(x), which by the derivatives J moves it by
 !! -J^-1 R(x). R itself is known to the unit roundoff times its largest term, and J^-1 times that is

@@ -25,7 +25,7 @@ contains
     real(wp), intent(in) :: tolerance
     !> Ascending, shape (n), and the motions there, shape (curve%n, n).
     real(wp), intent(in) :: p(:), x(:, :)
-    !> Look between all samples, not only beside the largest.
+    !> Look between all samples, not only near the largest.
     logical, intent(in) :: wide
     real(wp), intent(out) :: best_p, best
     !> The best is a summit, not a sample.
@@ -70,7 +70,7 @@ contains
   contains
 
     !> Whether the secant between two samples is not the mean of their slopes; that of the harmonic
-    !! by itself too, which may be small beside others.
+    !! by itself too, which may be smaller than other coordinates.
     pure logical function hides(at)
       integer, intent(in) :: at
       real(wp) :: secant(size(x, 1)), off(size(x, 1))

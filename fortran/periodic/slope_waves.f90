@@ -1,9 +1,9 @@
 !> Slopes of force laws along a motion as waves that the samples of a period can hold.
 !!
 !! A slope that jumps where a law has a kink, or swings within a sample, has waves beyond those that
-!! samples tell apart, which fold back: an error of one sample in the place of the jump. So its
+!! samples distinguish, which fold back: an error of one sample in the place of the jump. So its
 !! Fourier coefficients are integrated from one kink to the next, over pieces halved until sixteen
-!! points of Gauss tell them, and the samples are replaced by those of the waves that they can hold.
+!! Gauss points resolve them, and the samples are replaced by those of the resolved harmonics.
 module viscovib_slope_waves
   use viscovib_constants, only: pi
   use viscovib_harmonic_set, only: harmonic_set_type
@@ -68,7 +68,7 @@ contains
   end subroutine hold_law
 
   !> What the derivatives of a law by its arguments change by at the samples; not allocated where
-  !! these tell all.
+  !! these are sufficient.
   subroutine find_change(law, set, mu, x, u, change)
     type(law_term), intent(in) :: law
     type(harmonic_set_type), intent(in) :: set

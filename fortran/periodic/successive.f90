@@ -178,7 +178,7 @@ contains
   !> What the orders left out would change: two turns with `more` of them from the motion
   !! found, the first of which finds them and the second what they do to the others, which
   !! then goes on by the rate of the iteration. Where the first finds far less than allowed, that
-  !! rate replaces the second. Beside kinks those beyond `more` count too. Of
+  !! rate replaces the second. At kinks those beyond `more` count too. Of
   !! forces that are no polynomials the first also finds what too few samples have made of the
   !! others.
   subroutine judge_chunk(system, load, more, work, response, first, last, fraction, compliance)

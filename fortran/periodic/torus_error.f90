@@ -1,5 +1,5 @@
 !> How far solutions of harmonic balance on a torus are off those that its equations have: what is
-!! left to correct, and what rounding leaves (as `viscovib_rounding_error` does for oscillators). Of
+!! left to correct, and rounding errors (as `viscovib_rounding_error` does for oscillators). Of
 !! many unknowns both are by the derivatives of `viscovib_torus_levels`, which are nearly those of
 !! all.
 module viscovib_torus_error

@@ -7,7 +7,7 @@
 !! 9). The logarithms of what that takes away are averaged with the weight
 !! exp(-1/(s (1-s))), s = t/T: along quasi-periodic motions such a mean converges faster
 !! than any power of 1/T (Das, Saiki, Sander, Yorke, Nonlinearity 30 (2017) 4111).
-!! Means over either half of T tell how far it has come: they are farther off than the whole.
+!! Means over either half of T show how far it has come: they are farther off than the whole.
 module viscovib_torus_growth
   use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
   use viscovib_constants, only: pi
@@ -26,7 +26,7 @@ module viscovib_torus_growth
   !> Phase that a disturbance, or what counts of the motion, turns in a step at most.
   real(wp), parameter :: phase_a_step = 1.0_wp
   integer, parameter :: max_steps = 1000000
-  !> What means over the halves of T tell of an error, and the least there is: that of the steps, in
+  !> Error from means over the halves of T, and its lower bound: that of the steps, in
   !! units of the fastest frequency (sums of rates, against the mean divergence: 2e-8 at most).
   real(wp), parameter :: halves_tell = 4.0_wp, of_steps = 2.0e-8_wp
   !> Orders smaller than this part of the largest are no part of the motion here, and

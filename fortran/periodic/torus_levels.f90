@@ -240,7 +240,7 @@ contains
   end subroutine solve_on_levels
 
   !> Add a change of the steps and the move that made it. Where there is no more room, or
-  !! those remembered tell already what the change should have been, they are forgotten: they
+  !! the stored ones already predict what the change should have been, they are forgotten: they
   !! are of other places.
   pure subroutine remember(m, change, move, basis, moves)
     integer, intent(inout) :: m

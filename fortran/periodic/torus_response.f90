@@ -34,7 +34,7 @@ contains
     integer, intent(inout) :: iterations
     !> May be set from elsewhere to give up.
     integer, intent(inout), optional :: cancel
-    !> Told how many inner orders sufficed.
+    !> Receives the sufficient number of inner orders.
     type(near_levels), intent(inout), optional :: near
     type(torus_levels) :: levels
     real(wp), allocatable :: inner(:)

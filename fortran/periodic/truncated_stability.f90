@@ -1,7 +1,7 @@
 !> Whether the stability of a motion is sure although its harmonics are too few.
 !!
 !! Multipliers are those of the motion that was found, and this is off by its truncation. So the
-!! verdict must be the same for motions beside it, three truncations away: larger and smaller ones,
+!! verdict must be the same for nearby motions, three truncations away: larger and smaller ones,
 !! and ones with more and less of the higher half of the orders; and as many disturbances must grow
 !! and an odd or even number of them with the period of the motion, the sign of det(M - 1): from a
 !! multiplier above 1 to one below -1 the way is through the circle. Where one of them is judged
@@ -25,17 +25,17 @@ module viscovib_truncated_stability
 
   !> Change of a multiplier over that of the motion, at most.
   real(wp), parameter :: steepest = 1.0e4_wp
-  !> How far the motions beside are away, in truncations.
+  !> Distance of the nearby motions, in truncations.
   real(wp), parameter :: as_far = 3.0_wp
   integer, parameter :: n_beside = 4
   !> Frequency below which a disturbance has the period of the motion, of that of the load.
   real(wp), parameter :: on_the_line = 1.0e-6_wp
-  !> The verdict is certain, it is not, or motions beside tell.
+  !> The verdict is certain, it is not, or nearby motions decide.
   integer, parameter :: sure = 0, lost = 1, doubtful = 2
 
 contains
 
-  !> Set to unknown what motions beside contradict.
+  !> Set to unknown what nearby motions contradict.
   subroutine doubt_motions(judge, system, nu, x, truncation, allowed, stability, cancel)
     type(judge_type), intent(inout) :: judge
     class(oscillator_type), intent(in) :: system

@@ -6,7 +6,7 @@
 !! They act back on those kept, by -J^-1 R_kept(x + out) with the derivatives J that the
 !! solution has left behind, which includes what nearness to a fold makes of it and, if
 !! forces are no polynomials, the aliasing of the fewer samples. The residual left in the
-!! orders left out tells how much of them was found: fixed-point iterations of factor
+!! orders left out shows how much of them was found: fixed-point iterations of factor
 !! rho fall short by 1/(1 - rho).
 !!
 !! Where a law has kinks or jumps, orders fall off as k^-p only, and those beyond the larger set,
@@ -33,7 +33,7 @@ module viscovib_truncation
   real(wp), parameter :: slowest = 0.9_wp, little = 0.02_wp
   !> Turns at most, to look closely.
   integer, parameter :: most_turns = 6
-  !> Powers with which harmonics fall off beside jumps and kinks of the force, at least; beyond so
+  !> Powers with which harmonics fall off at jumps and kinks of the force, at least; beyond so
   !! much they fall off geometrically.
   real(wp), parameter :: beside_jumps = 3.0_wp, beside_kinks = 4.0_wp, fastest_fall = 12.0_wp
   !> How uncertain that is.
@@ -42,7 +42,7 @@ module viscovib_truncation
   real(wp), parameter :: largest_beat = 10.0_wp
   !> Most that orders beyond the larger set are believed to make where laws are smooth.
   real(wp), parameter :: largest_tail = 20.0_wp
-  !> Orders that tell a fall.
+  !> Orders that determine a fall.
   integer, parameter :: enough = 8
 
 contains
@@ -125,7 +125,7 @@ contains
     if (norm > 0.0_wp) outside = first*reach/norm
   end subroutine find_left_out
 
-  !> Beside kinks: how many times the orders that were looked at all orders left out are, and how
+  !> At kinks: how many times the orders that were looked at all orders left out are, and how
   !! many times more than those they change.
   pure subroutine kinked_tail(system, x, orders, first, reach, short)
     class(oscillator_type), intent(in) :: system
@@ -160,7 +160,8 @@ contains
     if (n < enough) power = beside_jumps - 1.0_wp
     short = short*safety/(1.0_wp - (real(orders(n), wp)/orders(size(orders)))**(power - 1.0_wp))
     if (n < enough .or. .not. first > 0.0_wp) return
-    ! Two kinks make orders beat: where the next ones vanish, those kept tell how large others are.
+    ! Two kinks make orders beat: where the next ones vanish, those kept show how large other orders
+    ! are.
     high = 0.0_wp
     do i = (2*n)/3 + 1, n
       low = weighted_norm(system, x(2*i - 1:2*i, :))

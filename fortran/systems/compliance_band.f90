@@ -6,7 +6,7 @@
 !!   1/(a + b s + s^2) = sum_j c_j s^j,   c_0 = 1/a,   a c_j = -b c_(j-1) - c_(j-2),
 !!
 !! so that all of these together are one polynomial in s. Modes that are nearly rigid bodies are
-!! kept apart: beside their poles H(s) has parts of rank 1 that drown the others.
+!! kept apart: near their poles H(s) has parts of rank 1 that hide the other parts.
 module viscovib_compliance_band
   use viscovib_compliance, only: compliance_type
   use viscovib_kinds, only: wp

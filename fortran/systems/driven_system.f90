@@ -25,7 +25,7 @@ module viscovib_driven_system
 
   type, abstract :: driven_system_type
     integer :: n_dof = 0
-    !> The last of these stand for what is remembered: no result tells them.
+    !> The last of these represent memory: results do not contain them.
     integer :: n_hidden = 0
     !> The rates with which these begin; not allocated: 0.
     real(wp), allocatable :: hidden_speeds(:)
@@ -62,7 +62,7 @@ module viscovib_driven_system
     !> Length of the steps of a run.
     real(wp) :: step_length = 0.0_wp
     !> On which side of each the motion is when a run begins again, and which it is on; not
-    !! allocated: as its state tells.
+    !! allocated: from its state.
     integer, allocatable :: sides(:)
     logical, allocatable :: fresh(:)
     !> Whether the motion or its load begins where the run does; if not, how long the next part of a
@@ -184,7 +184,7 @@ contains
 
   !> Length of the first part of a step behind a switch; 0: any, nothing fades as fast. It is less
   !! than the step, too: parts that are the same in steps of any length have errors that no
-  !! comparison of runs tells.
+  !! comparison of runs shows.
   pure real(wp) function first_part(self)
     class(driven_system_type), intent(in) :: self
     real(wp), parameter :: within = 0.5_wp, of_step = 0.25_wp
@@ -265,7 +265,7 @@ contains
     call self%take_sides(sides)
   end subroutine jump
 
-  !> The same where a run goes on under another base, which may move in another way; what rounding
+  !> The same where a run continues with another base, which may move in another way; what rounding
   !! of its motion leaves is no jump.
   subroutine jump_on(self, t, q, before, most, v)
     class(driven_system_type), intent(inout) :: self

@@ -16,7 +16,7 @@ module viscovib_hysteresis
   public :: hysteresis_type
 
   type, abstract :: hysteresis_type
-    !> Stiffness beside the states (N/m), and their weights, shape (n_states).
+    !> Stiffness in parallel with the states (N/m), and their weights, shape (n_states).
     real(wp) :: elastic = 0.0_wp
     real(wp), allocatable :: weight(:)
     !> The power with which the force begins at a kink, where it is not smooth on its sides (0: it

@@ -17,7 +17,7 @@ module viscovib_hysteresis_catalogue
 
 contains
 
-  !> An element from its numbers, in the order that its own constructor tells.
+  !> An element from its numbers, in the order of its own constructor.
   subroutine new_hysteresis(element, kind, numbers)
     class(hysteresis_type), allocatable, intent(out) :: element
     integer, intent(in) :: kind

@@ -1,10 +1,10 @@
 !> Elements with hysteresis over a cycle of deflections that repeats.
 !!
-!! A cycle is told by its deflections d_1, ..., d_n, between which (and from d_n to the first again)
-!! it does not turn back. The states in the cycle that repeats solve z = t Phi(z), Phi being the way
-!! once around and t = -1 where half a period is looked at. What forgets its start is found by
-!! Newton's method with dPhi/dz; what sticks all the time keeps what it had, and is run from
-!! an element that has not moved until it repeats.
+!! A cycle is given by its deflections d_1, ..., d_n, between which (and from d_n to the first
+!! again) it does not turn back. The states in the cycle that repeats solve z = t Phi(z), Phi being
+!! the way once around and t = -1 where half a period is looked at. What forgets its start is found
+!! by Newton's method with dPhi/dz; what sticks all the time keeps what it had, and is run from an
+!! element that has not moved until it repeats.
 module viscovib_hysteresis_loop
   use viscovib_hysteresis, only: hysteresis_type
   use viscovib_kinds, only: wp

@@ -20,7 +20,7 @@ module viscovib_law_branches
 
   public :: signal_type, watched_function, find_signals, held
 
-  !> Where a motion is beside a surface: on a side of it, 1 or -1, or on it.
+  !> Position of a motion relative to a surface: on a side of it, 1 or -1, or on it.
   integer, parameter, public :: slides = 2
 
   !> A function of a state and the time of which passages through 0 are looked for.

@@ -1,7 +1,7 @@
 !> Instructions of force laws: what each takes and gives, its derivatives, parity and degree.
 !!
-!! Outside the domain of a function, as beside 0 of a quotient, the value is a wall too high for any
-!! motion, so that no solution lies there and no number that is none comes about. What other
+!! Outside the domain of a function, as near 0 in a denominator, the value is a wall too high for
+!! any motion, so that no solution lies there and no number that is none comes about. What other
 !! functions make of a value outside a domain is the wall again (viscovib_law_program).
 module viscovib_law_functions
   use viscovib_constants, only: pi

@@ -2,12 +2,12 @@
 !! polynomial through the nodes of a step.
 !!
 !! Under tanh(v/1e-4) or exp(-(x/1e-3)^2) a force lives in a layer that a step may jump over; a bump
-!! may hide between all nodes of a step and of its halves, so that no comparison of runs tells. The
-!! operands themselves are smooth and never hidden. A function whose nearest singularity is at the
-!! distance D of the values that its operand takes in a step, L apart, is followed by a polynomial
-!! whose error falls by the factor r a degree,
+!! may hide between all nodes of a step and of its halves, so that no comparison of runs shows it.
+!! The operands themselves are smooth and never hidden. A function whose nearest singularity is at
+!! the distance D of the values that its operand takes in a step, L apart, is followed by a
+!! polynomial whose error falls by the factor r a degree,
 !!
-!!   r = 2 D/L + sqrt((2 D/L)^2 + 1)  (beside the values),  1 + 2 D/L + sqrt((1 + 2 D/L)^2 - 1)
+!!   r = 2 D/L + sqrt((2 D/L)^2 + 1)  (near the values),  1 + 2 D/L + sqrt((1 + 2 D/L)^2 - 1)
 !!
 !! (ahead of them), the parameter of Bernstein's ellipse: L N. Trefethen, Approximation Theory and
 !! Approximation Practice, 2013, chapter 8.
@@ -47,7 +47,7 @@ module viscovib_law_layers
   end type law_layers
 
   !> Change of an operand in a step that a polynomial follows, as a part of the distance of
-  !! singularities beside the real axis (r = 4.9) and on it (r = 5.8), and of functions that have
+  !! singularities near the real axis (r = 4.9) and on it (r = 5.8), and of functions that have
   !! none.
   real(wp), parameter :: beside = 0.85_wp, ahead = 1.0_wp, none = 6.0_wp
   !> Beyond these operands tanh is 1 and exp is nothing, to rounding.
@@ -263,7 +263,7 @@ contains
       seen = max(z(1), -z(2))
       distance = ahead*max(low, -high)
     end select
-    ! What passes a singularity ends the motion, which is told elsewhere.
+    ! What passes a singularity ends the motion, which is reported elsewhere.
     if (seen > 0.0_wp) thinness = (high - low)/max(distance, closest*seen)
   end function of_range
 

@@ -38,7 +38,7 @@ module viscovib_law_term
   real(wp), parameter :: near = 1.0e-9_wp
   !> How much more than by its steepest slope, or than this part of its value, a law may change over
   !! that way; and how much of that it changes over the second half of the way, at least, where it
-  !! does not jump at rest. What rounding leaves of laws whose parts cancel there is another at each
+  !! does not jump at rest. The rounding error of laws whose parts cancel there differs at each
   !! place, but for last digits of a value that does not change.
   real(wp), parameter :: steep = 10.0_wp, least_later = 1.0e-2_wp
 

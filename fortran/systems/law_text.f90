@@ -26,7 +26,7 @@ module viscovib_law_text
 
   !> Bounds that keep a slip of the pen from filling the memory.
   integer, parameter :: max_depth = 100, max_code = 2000, max_stack = 60
-  !> An angle beside a number larger than this is that of a quotient.
+  !> An angle with a number larger than this is that of a quotient.
   real(wp), parameter :: least_divisor = 1.0e-20_wp
   character(len=*), parameter :: letters = &
                                  'abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ_'

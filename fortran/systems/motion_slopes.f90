@@ -61,7 +61,7 @@ contains
     end select
   end subroutine motion_slopes
 
-  !> From the derivatives beside the surfaces, and accelerations there, to those on them.
+  !> From the derivatives near the surfaces, and accelerations there, to those on them.
   subroutine keep_sliding(laws, n_dof, slides, q, v, a, by_q, by_v)
     type(switched_laws), intent(in) :: laws
     !> Surfaces on which the motion slides.

@@ -306,7 +306,7 @@ contains
       away = dot_product(n, v)
       ! A load that only begins to push is behind its first instant.
       press = -min(dot_product(n, a(1, :)), dot_product(n, a(2, :)))
-      ! Beside the gap, or what the motion falls in a step.
+      ! Compared with the gap, or with what the motion falls in a step.
       height = max(abs(element%gap), abs(press)*self%step_length**2)
       if (allocated(self%frame)) height = max(height, self%frame%sum_of_sizes(q, n))
       height = 4.0_wp*epsilon(1.0_wp)*height

@@ -174,7 +174,7 @@ contains
   !> Leave out steps whose values neither are wanted nor lead to some that are.
   subroutine leave_out_unused(self, registers)
     class(series_program), intent(inout) :: self
-    !> What is wanted, beside registers that are not of the program.
+    !> The results, after registers that are not of the program.
     integer, intent(in) :: registers(:)
     logical :: wanted(0:self%n_registers), used(size(self%steps))
     integer :: i, next

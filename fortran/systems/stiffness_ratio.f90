@@ -1,4 +1,4 @@
-!> Springs so different that rounding of the stiffness hides the soft ones: what is told of that.
+!> Springs so different that rounding of the stiffness hides the soft ones: warnings about it.
 !!
 !! A mode of unit modal mass has omega^2 = phi^T K phi. Each entry of K is off by up to half a unit
 !! in its last place: omega^2 is then off by about
@@ -23,8 +23,8 @@ module viscovib_stiffness_ratio
   integer, parameter :: wide = selected_real_kind(18)
   !> Part that an entry of the matrix is off by, in (1).
   real(wp), parameter :: off = 0.3_wp*epsilon(1.0_wp)
-  !> Part of the square of a frequency that may be rounding without a word, and how little of it
-  !! the rounding of a free body leaves.
+  !> Part of the square of a frequency that may be rounding error without a warning, and how little
+  !! of it the rounding of a free body leaves.
   real(wp), parameter :: least = 1.0e-6_wp, free = 0.15_wp
   !> Part of a mode's kinetic energy that a coordinate takes part with; stiffnesses that are
   !! rounding of what cancels, next to the largest; asymmetry that is rounding.
@@ -34,7 +34,7 @@ contains
 
   !> Of real modes: a line to warn of the worst, empty of none.
   !!
-  !! What rounding alone leaves of a mode is that of a free body, unless it is large beside the
+  !! A mode within rounding error is that of a free body, unless it is large compared with the
   !! softest coordinate that takes part or is joined to those.
   function hidden_modes(squares, shapes, mass, stiffness) result(text)
     !> Shapes (m), (n, m) and (n, n).

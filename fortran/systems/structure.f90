@@ -125,7 +125,7 @@ contains
     complex(wp) :: h(size(p), size(p)), inverse(size(p), size(p)), y(size(p))
     integer :: i, j
 
-    ! What the load of the coordinates holds only tells which orders there are.
+    ! What the load of the coordinates contains only determines which orders exist.
     p = 0.0_wp*(force + base)
     do j = 1, size(self%loads)
       if (self%loads(j)%order /= order) cycle

@@ -47,7 +47,7 @@ contains
     !> Places in terms of the coordinates, shape (n_places, n).
     real(wp), intent(in) :: places(:, :)
     real(wp), intent(inout) :: stiffness(:, :), damping(:, :)
-    !> What rounding took of K: the digits of soft springs beside a stiff element.
+    !> The rounding error of K: the digits of soft springs in the presence of a stiff element.
     real(wp), intent(out), optional :: low(:, :)
     real(real128), allocatable :: total(:, :)
     real(wp) :: e(size(stiffness, 1))

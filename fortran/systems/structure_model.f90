@@ -296,7 +296,7 @@ contains
     !> A motion in time is wanted, which needs no position of rest.
     logical, intent(in) :: in_time
     type(structure_type), intent(inout) :: system
-    !> It only tells which orders there are, and where the base is.
+    !> It only determines which orders exist, and where the base is.
     type(load_type), intent(out) :: condensed
     type(status_type), intent(out) :: status
     complex(wp), allocatable :: force(:, :), push(:), pole(:), eta(:)

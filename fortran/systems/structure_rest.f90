@@ -330,7 +330,7 @@ contains
     allocate (rest%squares(0), rest%rates(0), rest%losses(0), rest%shapes(size(places, 1), 0))
   end subroutine find_coupled
 
-  !> But for rounding of each entry, beside what stands on the diagonal, and of the largest.
+  !> Within the rounding error of each entry, of the diagonal, and of the largest entry.
   pure logical function is_symmetric(matrix)
     real(wp), intent(in) :: matrix(:, :)
     real(wp) :: beside, least

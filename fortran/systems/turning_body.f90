@@ -33,7 +33,7 @@ module viscovib_turning_body
 
   !> A complex step, whose square is nothing.
   real(wp), parameter :: tiny_step = 1.0e-100_wp
-  !> Beyond this angle, well after pi, the same rotation is told from the other side.
+  !> Beyond this angle, well after pi, the same rotation is described by the opposite vector.
   real(wp), parameter :: far_turned = 3.5_wp
 
   type :: body_spring

@@ -5,7 +5,7 @@
 !! step their ranges follow from three derivatives in its middle and a bound of the next one. From
 !! these follow ranges of the function and of its rate (`viscovib_law_bounds`). A part in which the
 !! function keeps its sign has no passage; one in which it only rises or only falls has as its ends
-!! tell; another is halved.
+!! show; any other is halved.
 module viscovib_all_passages
   use viscovib_event_search, only: place_of_change
   use viscovib_kinds, only: wp
@@ -27,10 +27,10 @@ module viscovib_all_passages
   !> Values so many times as large as their rounding have a sign; rounding of the polynomials.
   real(wp), parameter :: certain = 4.0_wp, of_series = 8.0_wp*epsilon(1.0_wp)
   !> Part of its largest value by which a function that begins beyond 0 does not count as there; of
-  !! its terms, by which it may go beyond 0 in the shortest part without being told.
+  !! its terms, by which it may go beyond 0 in the shortest part without being detected.
   real(wp), parameter :: on_surface = 1.0e-13_wp, matters = 1.0e-6_wp
 
-  !> What a range tells: there are no values, they keep their sign, are 0 but for rounding, only
+  !> Results of a range: there are no values, they keep their sign, are 0 but for rounding, only
   !! rise or only fall; or nothing yet.
   integer, parameter :: no_value = 1, above = 2, below = 3, nothing = 4, one_way = 5, unclear = 6
 
@@ -178,7 +178,7 @@ contains
     end do
   end function stays_zero
 
-  !> The signal at a place; at the ends of the step it is that of the steps beside it.
+  !> The signal at a place; at the ends of the step it is that of the neighbouring steps.
   real(wp) function value_at(self, signal, path, x)
     class(passage_search), intent(in) :: self
     type(signal_type), intent(in) :: signal
@@ -197,7 +197,7 @@ contains
     value_at = g(1)
   end function value_at
 
-  !> What a range tells of the passages in it.
+  !> What a range shows about the events in it.
   pure integer function told_by(range, zero, small)
     type(range_type), intent(in) :: range
     !> What counts as 0; up to which of it that says something.
@@ -219,7 +219,7 @@ contains
   !> How a signal changes at a passage of the step that was searched last: its rate, and the size of
   !! the rate of that, by time.
   !!
-  !! At a jump the bend is -1, and the rate tells how far the passage moves where all that the
+  !! At a jump the bend is -1, and the rate gives how far the passage moves where all that the
   !! signal reads is other: by as much, divided by the rate, at most.
   subroutine change_at(self, law, path, x, rate, bend)
     class(passage_search), intent(in) :: self
@@ -266,7 +266,7 @@ contains
 
   contains
 
-    !> Whether a range tells the sign, or that there is no value.
+    !> True if a range determines the sign, or that there is no value.
     pure logical function is_sure(range)
       type(range_type), intent(in) :: range
       is_sure = range%outside == nowhere

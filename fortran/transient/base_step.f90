@@ -1,4 +1,4 @@
-!> What small disturbances become in a step of a length that comes again, beside linear slopes.
+!> Growth of small perturbations in a step of a repeated length, with linear derivatives.
 !!
 !! Disturbances Y of n coordinates obey Y'' = A_q(t) Y + A_v(t) Y' (viscovib_motion_beside). Where a
 !! few local laws are all that varies, the slopes at node i of a step are those of a base and a few
@@ -23,7 +23,7 @@ module viscovib_base_step
 
   public :: base_step
 
-  !> What rounding leaves of slopes, as a part of their terms.
+  !> Rounding error of derivatives, as a part of their terms.
   real(wp), parameter :: rounding = 32.0_wp*epsilon(1.0_wp)
   !> How much of the step products may change, so that no digits are lost in their system.
   real(wp), parameter :: most = 4.0_wp
@@ -162,7 +162,7 @@ contains
     v = after(n + 1:, :)
   end subroutine advance
 
-  !> What is left of the slopes beside the base, as products: eliminated by the largest number on
+  !> The part of the derivatives without the base, as products: eliminated by the largest number on
   !! the diagonal, which no unit of a coordinate changes.
   subroutine find_products(self, by_q, by_v, found, done)
     class(base_step), intent(in) :: self

@@ -1,4 +1,4 @@
-!> What motions from many starts settle on: the rules by which basins of attraction are told.
+!> What motions from many starts settle on: the rules by which basins of attraction are found.
 !!
 !! Of each motion the last points are known: states a period of the load apart, or of a system
 !! without a load two states some time apart. It has settled on period p where its last p points
@@ -6,7 +6,7 @@
 !!
 !! A start may lie on a saddle, or on what leads to one, and a motion may creep: of what it has left
 !! to go, a look sees a part. So an orbit attracts only if as long again as the run was the motion
-!! stays where it is, and what is beside it comes nearer.
+!! stays where it is, and nearby motions come nearer.
 module viscovib_basin_rules
   use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
   use viscovib_kinds, only: wp
@@ -17,11 +17,11 @@ module viscovib_basin_rules
 
   !> Labels of what has not settled, and of what did not reach its end.
   integer, parameter, public :: unsettled = -1, has_left = -2
-  !> Disturbances by which an attractor is told from a saddle, each with its negative.
+  !> Perturbations that distinguish an attractor from a saddle, each with its negative.
   integer, parameter :: n_pushes = 3
   !> The orbit itself, and with all of these.
   integer, parameter, public :: n_disturbed = 1 + 2*n_pushes
-  !> What is left of a disturbance beside an attractor at most; how little a rest moves, of the
+  !> Largest remaining perturbation of an attractor; how little a rest moves, of the
   !! scale; how many tolerances states of one orbit are apart, and as many again the pushes.
   real(wp), parameter :: nearer = 0.5_wp, stands = 1.0e-12_wp, alike = 10.0_wp, pushed = 3.0_wp
   !> Coordinates that are smaller than this part of the largest are measured by that part of it.
@@ -80,7 +80,8 @@ contains
     call by_size(labels, shown, n_orbits)
   end subroutine find_orbits
 
-  !> The largest of each number of a state, at ends too; displacements tell what counts as slow.
+  !> The largest of each number of a state, at ends too; displacements determine what counts as
+  !! slow.
   subroutine find_scale(largest, points, ended, fastest, scale)
     real(wp), intent(in) :: largest(:), points(:, :, :), fastest
     logical, intent(in) :: ended(:)
@@ -184,7 +185,7 @@ contains
     !> Shapes (width, n_disturbed), (n_disturbed) and (width, period).
     real(wp), intent(in) :: ends(:, :), orbit(:, :), scale(:), near
     logical, intent(in) :: ended(:)
-    !> Whether starts were disturbed; whether what is beside them must come nearer then.
+    !> Whether starts were disturbed; whether nearby motions must come nearer then.
     logical, intent(in) :: of_starts, has_kernels
     logical, intent(out) :: attracts
     !> The largest part of a disturbance that is left; huge: not known.
@@ -204,7 +205,7 @@ contains
       end do
     end do
     do i = 2, n_disturbed
-      ! What is beside where the motion itself has gone.
+      ! Distance of nearby motions from the motion itself.
       parts(i) = maxval(abs(ends(:, i)/scale - ends(:, 1)/scale))/minval(abs(pushes(:, i)))
     end do
     rest = maxval(parts)

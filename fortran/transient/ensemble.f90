@@ -57,7 +57,7 @@ contains
     logical :: good(n_lanes), halting(size(ieee_all))
 
     call flushing%begin()
-    ! Within a step a motion may leave the range of numbers, which is told by what comes out.
+    ! Within a step a motion may leave the range of numbers, which the results show.
     call ieee_get_halting_mode(ieee_all, halting)
     call ieee_set_halting_mode(ieee_all, .false.)
     call take_off(f, job, system, motion, block)

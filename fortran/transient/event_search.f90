@@ -1,7 +1,7 @@
 !> Where a function of the state passes 0 inside a step, by the polynomial of the step.
 !!
 !! A passage is a change of sign between two of the places at which states are known, or between one
-!! of them and an extremum that lies beyond 0: contacts beside grazing are shorter than a step and
+!! of them and an extremum that lies beyond 0: contacts near grazing are shorter than a step and
 !! leave no trace at its ends.
 module viscovib_event_search
   use viscovib_kinds, only: wp
@@ -154,7 +154,7 @@ contains
     a = x(max(k - 1, 0))
     b = x(min(k + 1, n_parts))
     if (k == 0 .or. k == n_parts) then
-      ! The extremum may lie beside a place that is known; seen from there the signal falls.
+      ! The extremum may be near a known node; seen from there the signal falls.
       ! Where it begins or ends on 0, rounding falls.
       if (k == 0 .and. fresh .or. g(k) <= lost(signal, path)) return
       at = [a, b] + [beside, -beside]*(b - a)
@@ -184,7 +184,7 @@ contains
     end do
   end subroutine dip
 
-  !> What rounding leaves of a signal in a step, by how much less states differ there than they
+  !> Rounding error of a signal in a step, by how much less states differ there than they
   !! are large.
   real(wp) function lost(signal, path)
     class(watched_function), intent(in) :: signal

@@ -24,7 +24,7 @@ module viscovib_explicit
     integer :: n_dof = 0, n_drives = 0
     !> Time since the present piece of a load began, for a system that asks for it.
     real(wp) :: since = 0.0_wp
-    !> Evaluations of a block of lanes, all told.
+    !> Total number of evaluations of a block of trajectories.
     integer(i8) :: n_evaluations = 0
     !> Lanes whose equations the last step could solve; all of an explicit method.
     logical :: made(n_lanes) = .true.
@@ -363,7 +363,7 @@ contains
     place = self%first - 1 + n_lanes*(column - 1)
   end function place
 
-  !> Put another state in a lane; what rounding had left out is forgotten.
+  !> Put another state in a lane; its rounding error is dropped.
   pure subroutine set_lane(self, lane, q, v)
     class(explicit_type), intent(inout) :: self
     integer, intent(in) :: lane

@@ -114,7 +114,7 @@ contains
     n = size(along)
     largest = least
     do i = 1, n
-      ! A top lies beside a place that is above both its neighbours.
+      ! A maximum is near a node that is above both its neighbours.
       if (abs(along(i)) < maxval(abs(along(max(i - 1, 1):min(i + 1, n))))) cycle
       if (abs(along(i)) + rise(i) <= largest) cycle
       low = self%points(max(i - 1, 1))
@@ -142,7 +142,7 @@ contains
       value_at = dot_product(lagrange(self%points, self%factors, x), along)
     end function value_at
 
-    !> How far beyond its value there a polynomial may rise beside a place.
+    !> How far beyond its value there a polynomial may rise near a node.
     real(wp) function rise(i)
       integer, intent(in) :: i
       rise = maxval(along(max(i - 1, 1):min(i + 1, n))) - minval(along(max(i - 1, 1):min(i + 1, n)))

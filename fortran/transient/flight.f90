@@ -332,7 +332,7 @@ contains
     f%alive(l) = .false.
     block%q(l, :) = stop%q
     block%v(l, :) = stop%v
-    ! Beside a stop accelerations may be infinite: the lane waits at rest instead.
+    ! Near a stop accelerations may be infinite: the lane waits at rest instead.
     f%q(l, :) = 0.0_wp
     f%v(l, :) = 0.0_wp
     if (f%together) return
@@ -385,7 +385,7 @@ contains
       end if
       at(:, :f%n, j) = q(:, f%n + 1:)
       at(:, f%n + 1:, j) = v(:, f%n + 1:)
-      ! Twice: once leaves what rounding of large parts left.
+      ! Twice: a single pass leaves the rounding error of large parts.
       do k = 1, merge(2, 0, j > 1)
         do i = 1, j - 1
           along = sum(at(:, :, i)*at(:, :, j), 2)

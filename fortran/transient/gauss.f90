@@ -360,7 +360,7 @@ contains
     ends(2, :) = q_before
     ends(3, :) = q_before + self%widest/3.0_wp*self%h*v_before
     margins = system%margin(ends)
-    ! The last place before the first node is told by the motion at the start.
+    ! The last place before the first node follows from the motion at the start.
     least = min(margins(1), margins(2) + min(0.0_wp, margins(3) - margins(2)))
     do b = 0, self%table%n_blocks - 1
       least = min(least, self%margin_at_nodes(system, self%room(self%first), b))
@@ -470,7 +470,7 @@ contains
     self%has_history = memory(self%memory_size()) > 0.5_wp
   end subroutine load_memory
 
-  !> total + change, keeping what rounding leaves out for the next time.
+  !> total + change, keeping the rounding error for the next addition.
   pure subroutine add(total, rest, change)
     real(wp), intent(inout) :: total, rest
     real(wp), intent(in) :: change

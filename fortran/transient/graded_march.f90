@@ -64,7 +64,7 @@ module viscovib_graded_march
       class(oscillator_type), intent(in) :: system
     end subroutine stand_interface
 
-    !> Make room for panels of one step, so that its inside can be told.
+    !> Allocate panels of one step, so that states inside it can be computed.
     subroutine panels_interface(self, ends)
       import :: graded_march_type, wp
       class(graded_march_type), intent(inout) :: self

@@ -63,7 +63,7 @@ contains
   end subroutine see
 
   !> How far off the mean rate of growth may be, times the time. Growth that wanders about a
-  !! straight line, as beside chaos, or settles on one, as after a start, has a mean rate that is
+  !! straight line, as near chaos, or settles on one, as after a start, has a mean rate that is
   !! off by a part of what it wandered: of a random walk over a time T the range of what it is off
   !! its chord is 1.25 standard deviations of its end in the mean; of a start that adds C, C.
   pure function unsure(self) result(off)

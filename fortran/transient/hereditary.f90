@@ -26,17 +26,17 @@ module viscovib_hereditary
 
   public :: hereditary_type, new_hereditary
 
-  ! What runs of every kind tell.
+  ! Results of runs of every kind.
   public :: past_exponentials, past_direct, begun, no_exponentials, step_too_large, no_integral
 
   !> The state are the coordinates.
   type, extends(graded_march_type) :: hereditary_type
     !> Beyond this a coordinate or velocity has left the range of numbers.
     real(wp) :: bound = huge(1.0_wp)
-    !> State, shape (n_dof), and what rounding took from it.
+    !> State, shape (n_dof), and its rounding error.
     real(wp), allocatable :: u(:), v(:), u_rest(:), v_rest(:)
     !> Largest last Legendre coefficient of the displacements on a step, and largest
-    !! displacement, shape (n_dof): together they tell how well steps resolve the motion.
+    !! displacement, shape (n_dof): together they show how well steps resolve the motion.
     real(wp), allocatable :: roughness(:), largest(:)
     type(collocation_type) :: table
     !> Maps by length of step, and the place of the present one.

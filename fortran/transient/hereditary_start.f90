@@ -42,7 +42,7 @@ module viscovib_hereditary_start
     real(wp), allocatable :: ends(:)
     !> Displacements where each panel begins, shape (n_dof, n), and how far they have moved from
     !! there at its other points, shape (s+1, n_dof, n): on a panel of 1e-13 of a step they
-    !! themselves are the same to rounding, and tell no velocity.
+    !! themselves are the same to rounding, and give no velocity.
     real(wp), allocatable :: begins(:, :), rises(:, :, :)
   contains
     procedure :: at

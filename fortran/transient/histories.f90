@@ -22,7 +22,7 @@ module viscovib_histories
   integer, parameter :: corner_doublings = 14, kink_doublings = 21, most_doublings = 60
 
   !> What a run of half the step leaves of the error of sums of exponentials: lattices of two runs
-  !! may coincide, and with them what they leave, which no difference of states would tell.
+  !! may coincide, and with them what they leave, which no difference of states would show.
   real(wp), parameter :: sharper = 0.25_wp
 
   !> How a run treats corners.

@@ -3,7 +3,7 @@
 !!
 !! They are those of the motion itself, not of samples. In a step it is the polynomial of degree 8
 !! through the coordinates q, their velocities and accelerations at both ends and at the end of a
-!! step beside it (Hermite's interpolation): its error is (x (x - h) (x + h))^3 q^(9)/9! at x,
+!! neighbouring step (Hermite's interpolation): its error is (x (x - h) (x + h))^3 q^(9)/9! at x,
 !! at most 1.6e-7 h^9 |q^(9)|.
 module viscovib_lane_moments
   use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
@@ -25,7 +25,7 @@ module viscovib_lane_moments
     integer, private :: n_dof = 0
     !> Of each lane its step, and the time in steps that was taken in.
     real(wp), dimension(n_lanes), private :: h = 0.0_wp, length = 0.0_wp
-    !> Ends of steps that are known, 3 at most; how much of a step waits for an end beside it.
+    !> Ends of steps that are known, 3 at most; how much of a step waits for a neighbouring end.
     integer, private :: n_ends = 0
     real(wp), private :: waiting = 0.0_wp
     !> q, h v and h^2 a at the last ends, the latest last: lane, which, end, coordinate.
@@ -245,7 +245,7 @@ contains
     peak = max(peak, top(c, places(before), places(at), places(after)))
   end subroutine reach
 
-  !> The largest size of a polynomial beside a place, between two others.
+  !> The largest size of a polynomial near a node, between two other nodes.
   pure real(wp) function top(c, low, place, high)
     real(wp), intent(in) :: c(0:degree), low, place, high
     real(wp) :: x, value, slope, bend
@@ -268,7 +268,7 @@ contains
     end do
   end function top
 
-  !> Add with what rounding left out before.
+  !> Add with the rounding error of the previous addition.
   pure subroutine add_one(part, total, rest)
     real(wp), intent(in) :: part(n_lanes)
     real(wp), intent(inout) :: total(n_lanes), rest(n_lanes)

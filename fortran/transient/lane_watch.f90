@@ -13,7 +13,7 @@ module viscovib_lane_watch
 
   public :: lane_watch
 
-  !> What counts as unseen by a power series: its terms tell of a layer ahead, which keeps it from
+  !> What counts as unseen by a power series: its terms show a layer ahead, which keeps it from
   !! converging within the step, until rounding hides them, as it does those of tanh from about 18
   !! of its widths on; these are 7 within three steps.
   real(wp), parameter :: unseen_by_series = 5.0_wp

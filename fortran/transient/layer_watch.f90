@@ -6,7 +6,7 @@
 !!
 !! Runs without memory look with `see` and begin anew in parts (those side by side by
 !! `viscovib_lane_watch`); others `follow` their steps to
-!! the end, and tell how much shorter the steps would have to be.
+!! the end, and determine how much shorter the steps would have to be.
 module viscovib_layer_watch
   use viscovib_driven_system, only: driven_system_type
   use viscovib_kinds, only: wp

@@ -27,7 +27,8 @@ module viscovib_march_events
   !> Last coefficients, relative to the largest value of what a signal reads, at which the
   !! interpolant stands for it.
   real(wp), parameter :: resolved = 1.0e-9_wp
-  !> Halvings at most: a signal with a kink or a jump is its interpolant nowhere beside it.
+  !> Halvings at most: a signal with a kink or a jump differs from its interpolant everywhere near
+  !! it.
   integer, parameter :: most_halvings = 16
   !> Parts of a part of a step: within which the slope of an interpolant is taken, and by which a
   !! passage may differ by the motion itself; and of a place, by which it is exact.
@@ -78,7 +79,7 @@ contains
 
   contains
 
-    !> Accelerations at a place where velocities are v, by those beside it.
+    !> Accelerations at a place where velocities are v, from those near it.
     function rate_beside(place) result(a)
       real(wp), intent(in) :: place
       real(wp), dimension(run%n_observed()) :: a, other, speed
@@ -231,7 +232,7 @@ contains
     call base%add_to(from + x*(now - from), u, v)
   end subroutine body_at
 
-  !> Whether the interpolants of a part tell all passages.
+  !> True if the interpolants of a part show all events.
   logical function follows(watch, path)
     type(watch_type), intent(inout) :: watch
     type(step_path), intent(in) :: path
@@ -248,8 +249,8 @@ contains
     end do
   end function follows
 
-  !> Whether interpolants tell what a signal reads, of which all passages are found then, whatever
-  !! it makes of it.
+  !> True if interpolants represent what a signal reads, of which all passages are found then,
+  !! whatever it makes of it.
   logical function arguments_follow(watch, which, path) result(follow)
     type(watch_type), intent(inout) :: watch
     integer, intent(in) :: which
@@ -267,7 +268,7 @@ contains
     end associate
   end function arguments_follow
 
-  !> Whether the interpolant of a part tells a coordinate or a velocity.
+  !> True if the interpolant of a part represents a coordinate or a velocity.
   logical function is_followed(watch, k, path)
     type(watch_type), intent(inout) :: watch
     !> Its place in the state.

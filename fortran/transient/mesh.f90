@@ -129,7 +129,7 @@ contains
     end if
   end function time
 
-  !> Time after k steps, as the run tells it that made them.
+  !> Time after k steps, as the run computes it that made them.
   pure real(wp) function start_of(self, k)
     class(mesh_type), intent(in) :: self
     integer(i8), intent(in) :: k

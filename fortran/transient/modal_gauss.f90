@@ -51,7 +51,7 @@ module viscovib_modal_gauss
     type(phases_type) :: phases
     !> Iteration stops when pushes move the sections by less than this part.
     real(wp) :: tolerance = 0.0_wp
-    !> Sections, their rates, and what rounding has left out of both, shape (n).
+    !> Sections, their rates, and the rounding errors of both, shape (n).
     real(wp), allocatable :: x(:), x_rate(:), x_rest(:), rate_rest(:)
     !> Whether these are those of the state, and pushes of a step before are there.
     logical, private :: x_follows = .false., rate_follows = .false., has_history = .false.
@@ -332,8 +332,8 @@ contains
         self%push = new
         ! An iterate that runs away is stopped before it overflows.
         if (.not. change <= self%h**2*system%range%push) return
-        ! The next correction would shrink by the same factor again. It counts beside how far the
-        ! motion goes, else a short part of a step tells no velocity.
+        ! The next correction would shrink by the same factor again. It is compared with how far the
+        ! motion goes, else a short part of a step gives no velocity.
         expected = change
         if (before > change) expected = change*(change/before)
         made = expected <= max(self%tolerance*(moved + way), negligible) &
@@ -439,7 +439,7 @@ contains
     self%has_history = memory(i + 3) > 0.5_wp
   end subroutine load_memory
 
-  !> total + change, keeping what rounding leaves out for the next time.
+  !> total + change, keeping the rounding error for the next addition.
   pure subroutine add(total, rest, change)
     real(wp), intent(inout) :: total, rest
     real(wp), intent(in) :: change

@@ -2,7 +2,7 @@
 !!
 !! Along a step the derivatives Y of the state by an earlier one obey Y'' = A_q Y + A_v Y' with the
 !! derivatives of the accelerations at the nodes of the step: collocation with the same nodes, so
-!! that Y is the derivative of the step itself. At a surface h(q, v) = 0 a motion beside this one
+!! that Y is the derivative of the step itself. At a surface h(q, v) = 0 a motion near this one
 !! switches at another time. With the equations f- = (v, a) before and f+ behind it and
 !! R the impact, if there is one, a disturbance becomes (M. A. Aizerman, F. R. Gantmakher, Q. J.
 !! Mech. Appl. Math. 11, 1958; saltation)

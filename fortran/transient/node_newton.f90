@@ -6,7 +6,7 @@
 !!
 !!   M d = (da/dq) h^2 A_q d + (da/dv) h A d,
 !!
-!! so that f becomes a + M r + M^2 r + ..., as many terms as matter beside what a step of Newton's
+!! so that f becomes a + M r + M^2 r + ..., as many terms as matter compared with a step of Newton's
 !! method leaves. Each costs the sums over nodes alone, much less than a law does.
 module viscovib_node_newton
   use viscovib_driven_system, only: driven_system_type
@@ -25,7 +25,7 @@ module viscovib_node_newton
   !> A step leaves the square of the relative change before it, as a rule; the series is summed to
   !! this part of that, and of what is wanted.
   real(wp), parameter :: fine = 0.1_wp
-  !> By how much the error may be larger than the squares tell.
+  !> By how much the error may be larger than the squares show.
   real(wp), parameter :: margin = 10.0_wp
 
 contains
@@ -39,7 +39,7 @@ contains
     real(wp), intent(in) :: sums(n_lanes, 2, n_lanes*blocks, blocks)
     real(wp), intent(in) :: drive(n_lanes, max_dof, blocks), q_0(max_dof), v_0(max_dof)
     !> Sum of the sizes of accelerations, the change of that sum that is wanted; of displacements
-    !! what rounding loses, and the square of the step.
+    !! the rounding error, and the square of the step.
     real(wp), intent(in) :: total, wanted, lost, h_2
     real(wp), intent(inout) :: f(n_lanes, max_dof, blocks), f_new(n_lanes, max_dof, blocks)
     real(wp), intent(inout) :: q(n_lanes, max_dof, blocks), v(n_lanes, max_dof, blocks)

@@ -36,7 +36,7 @@ contains
 
   !> The same because of stiff forces, up to a place of the part. Parts that end or begin on a
   !! surface, and those of steps that could not be made at once, may be the same in steps of any
-  !! length: no comparison of runs would tell their errors.
+  !! length: no comparison of runs would show their errors.
   subroutine look_for_stiff(path, system, place, h, length)
     type(step_path), intent(in) :: path
     class(driven_system_type), intent(in) :: system

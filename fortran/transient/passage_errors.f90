@@ -1,7 +1,7 @@
 !> How sure passages are: by those of another run in other steps, and by what errors of states make
 !! of their times.
 !!
-!! A function g of the state that is off by d passes 0 later or earlier by d/|g'|, beside grazing by
+!! A function g of the state that is off by d passes 0 later or earlier by d/|g'|, near grazing by
 !! as much as the square root of 2 d/|g''|: there it may not pass at all.
 module viscovib_passage_errors
   use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
@@ -24,7 +24,7 @@ module viscovib_passage_errors
 contains
 
   !> Errors of the time of each passage, and of the largest of its state; NaN where the other run
-  !! has no such passage, though errors of states do not tell that it may be missing.
+  !! has no such event, though errors of states do not show that it may be missing.
   subroutine passage_errors(vector, own, other, times, apart, least, span, compared, errors)
     !> Functions, as of `new_watch`.
     real(wp), intent(in) :: vector(:)
@@ -89,7 +89,8 @@ contains
     end do
   end subroutine passage_errors
 
-  !> Whether a function passes 0 and comes back as its bend tells, on either side of an extremum.
+  !> Whether a function passes 0 and comes back as its curvature shows, on either side of an
+  !! extremum.
   pure logical function is_of_pair(own, n, i)
     real(wp), intent(in) :: own(:, :)
     integer, intent(in) :: n, i
@@ -206,7 +207,7 @@ contains
     else if (bend > 0.0_wp) then
       error = sqrt(2.0_wp*slack/bend)
     else
-      ! It tells nothing.
+      ! It gives no information.
       may_vanish = .false.
       error = wall
     end if

@@ -35,7 +35,7 @@ module viscovib_passage_time
 
 contains
 
-  !> The place at which the method itself has a passage, beside that of the polynomial of its step,
+  !> The place at which the method itself has a passage, near that of the polynomial of its step,
   !! and the state there. Where there is none, the place stays, and the state is that of the
   !! polynomial.
   subroutine settle_thin(start, system, signal, side, path, place, q, v)
@@ -93,15 +93,15 @@ contains
     v = along%v
   end subroutine settle_thin
 
-  !> What the polynomial is off by may be more than the signal is beyond 0, beside grazing: then its
-  !! passage is far from that of the method, which lies beside the same extremum.
+  !> The error of the polynomial may exceed the signal beyond 0 near grazing: then its
+  !! passage is far from that of the method, which is near the same extremum.
   subroutine look_about_extremum(along, place, low, high, ends, found)
     type(signal_of_method), intent(inout) :: along
     !> The passage of the polynomial; places about that of the method, and values there.
     real(wp), intent(in) :: place
     real(wp), intent(inout) :: low, high, ends(2)
     logical, intent(out) :: found
-    !> How far from each other values are that tell an extremum, as a part of the step, how far it
+    !> Distance of the values that determine an extremum, as a part of the step, how far it
     !! may be, and how often it is taken, and the other side looked for.
     real(wp), parameter :: beside = 1.0e-4_wp, widest = 0.1_wp
     integer, parameter :: n_takes = 3, n_looks = 8

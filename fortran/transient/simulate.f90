@@ -386,7 +386,7 @@ contains
   end subroutine turn
 
   !> Whether the step that was not made, or comes near the edge of the physics, leads out; if so
-  !! the state in `method` becomes that at the stop. If not, small steps stand for it there: beside
+  !! the state in `method` becomes that at the stop. If not, small steps replace it there: near
   !! the edge the motion is stiff or fast, and a step may be wrong that seems to be made.
   subroutine judge_step(method, system, at, past, wanted, n_before, watch, t_reached, outcome)
     class(stepper_type), intent(inout) :: method

@@ -1,4 +1,4 @@
-!> What is wanted of the inside of a step of the run that small steps are made instead of, as beside
+!> States inside a step of the run that small steps replace, as near
 !! the pivot of a pendulum: events and states at wanted times, by the motion inside each of them.
 module viscovib_small_steps
   use viscovib_driven_system, only: driven_system_type
@@ -33,7 +33,7 @@ contains
     real(wp), intent(in) :: q(:), v(:), start, h
     type(watch_type), intent(inout), target :: watch
     type(wanted_states), intent(inout), target :: wanted
-    !> As `find_stop` told; not "step too large".
+    !> As `find_stop` returned it; not "step too large".
     type(stop_type), intent(inout) :: stop
     type(note_taker) :: notes
     type(stop_type) :: again

@@ -195,9 +195,9 @@ contains
       end if
       call compare(map%n_core, self%x, self%next, change, size_of)
       call copy(n_rows, self%next, self%x)
-      ! The next correction would shrink by the same factor again. It counts beside how far the
-      ! motion goes in the step, not beside where it is: else a short step, as the first ones of
-      ! memory are, tells no velocity. What rounding of the places leaves shrinks no more.
+      ! The next correction would shrink by the same factor again. It is compared with how far the
+      ! motion goes in the step, not with where it is: else a short step, as the first ones of
+      ! memory are, gives no velocity. The rounding error of the displacements does not shrink.
       expected = change
       if (before > change .and. turn > 1) expected = change*(change/before)
       made = expected <= self%solved*size_of &

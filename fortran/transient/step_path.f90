@@ -44,7 +44,7 @@ contains
     end do
   end subroutine at
 
-  !> Accelerations at a place, by how velocities change beside it.
+  !> Accelerations at a place, by how velocities change near it.
   function acceleration_at(self, x) result(a)
     class(step_path), intent(in) :: self
     real(wp), intent(in) :: x

@@ -16,7 +16,7 @@ module viscovib_stepper
     real(wp) :: since = 0.0_wp
     !> Whether steps are wrong where the motion is stiff, though they are made.
     logical :: explicit = .false.
-    !> Evaluations of a block of lanes, all told.
+    !> Total number of evaluations of a block of trajectories.
     integer(i8) :: n_evaluations = 0
   contains
     procedure(step_interface), deferred :: step
@@ -50,7 +50,7 @@ module viscovib_stepper
     end subroutine arrive_interface
 
     !> Go on from the present state with another step, as if it were the start; a
-    !! copy of a stepper must be told its step so before it is used.
+    !! copy of a stepper must be given its step in this way before it is used.
     subroutine change_interface(self, system, h)
       import :: driven_system_type, stepper_type, wp
       class(stepper_type), intent(inout) :: self

@@ -106,8 +106,8 @@ contains
     in_range = all(abs(q) <= system%range%coordinate) .and. all(abs(v) <= system%range%speed)
   end function in_range
 
-  !> Whether a step of the run may be wrong that seems to be made: beside the edge of the physics
-  !! motions are fast or stiff.
+  !> Whether a step of the run may be wrong that seems to be made: near the edge of the physical
+  !! range motions are fast or stiff.
   logical function needs_small_steps(system, lane, q, v, h, least) result(needs)
     class(driven_system_type), intent(in) :: system
     !> Lane of the block whose parameters count; state before the step; its length and least

@@ -224,7 +224,7 @@ contains
     type(base_motion_type), intent(in) :: base
     real(wp), intent(in) :: displacement(:), velocity(:)
     integer :: n
-    ! Where a base comes to rest, it is told by nothing but these jumps.
+    ! Where a base comes to rest, only these jumps show it.
     associate (inner => self%sections%inner, poles => self%sections%others, &
                not_needed => base%direction, moved => displacement(1), speed => velocity(1))
       n = size(inner)

@@ -1,12 +1,12 @@
 !> What rounding of the frequencies of a structure, and of its poles, makes of a motion.
 !!
 !! A frequency omega is known to eps omega. After a time t its mode swings with a phase that is off
-!! by eps omega t, in steps of any length alike, so that no two runs tell it:
+!! by eps omega t, in steps of any length alike, so that no comparison of runs shows it:
 !!
 !!   |dq| = eps t |q'|,    |dq'| = eps t omega |q'|,    |dz| = eps t |pole z|,                   (1)
 !!
 !! of what a mode did so long ago that it has faded since nothing is left: t is at most the time in
-!! which it fades. Where it swings nothing tells at which moment it is seen, so that the largest
+!! which it decays. If it oscillates, the phase of its samples is unknown, so that the largest
 !! values of (1) count; those of different modes are independent of each other.
 module viscovib_structure_phases
   use viscovib_kinds, only: wp

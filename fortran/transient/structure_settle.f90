@@ -1,5 +1,5 @@
 !> What follows its forces at once, where a motion begins or its load jumps: a step so short that
-!! all else stands still finds the forces, and their polynomials tell values and slopes at its
+!! everything else is constant finds the forces, and their polynomials give values and slopes at its
 !! start.
 module viscovib_structure_settle
   use viscovib_collocation, only: collocation_type

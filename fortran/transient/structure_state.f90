@@ -12,7 +12,7 @@ module viscovib_structure_state
   real(wp), parameter :: trace = 1.0e-9_wp
 
   type :: state_type
-    !> Modes, their velocities, and what rounding took from both, shape (n).
+    !> Modes, their velocities, and the rounding errors of both, shape (n).
     real(wp), allocatable :: q(:), v(:), q_rest(:), v_rest(:)
     !> Of what has no real modes.
     complex(wp), allocatable :: z(:), z_rest(:)
@@ -163,7 +163,7 @@ contains
     end associate
   end subroutine load_numbers
 
-  !> What follows its forces at once: places, what rounding took of them, and rates.
+  !> What follows its forces at once: places, their rounding errors, and rates.
   pure function at_once_numbers(self) result(numbers)
     class(state_type), intent(in) :: self
     real(wp) :: numbers(3*size(self%z_rate))

@@ -34,7 +34,7 @@ module viscovib_structure_step
     type(maps_type), allocatable :: maps
   end type maps_holder
 
-  !> What tells the motion inside a step: its nodes, start, length, the state there, and forces at
+  !> Data of the motion inside a step: its nodes, start, length, the state there, and forces at
   !! the nodes, shape (s, n_pushed).
   type :: part_type
     integer :: s = 0

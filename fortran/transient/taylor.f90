@@ -27,7 +27,7 @@ module viscovib_taylor
     integer, private :: order = 20
     type(motion_series), private :: series
     real(wp), dimension(n_wide), private :: h = 0.0_wp, turning = 0.0_wp
-    !> State and what rounding has left out of it, shape (n_wide, n_dof).
+    !> State and its rounding error, shape (n_wide, n_dof).
     real(wp), allocatable, dimension(:, :), private :: q, v, q_rest, v_rest
     !> The load's phase and its growth in a step, in two parts.
     real(wp), dimension(n_wide), private :: high = 0.0_wp, low = 0.0_wp

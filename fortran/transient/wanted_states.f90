@@ -58,7 +58,7 @@ contains
                          method%v, now, ahead, stop)
           q = stop%q
           v = stop%v
-          ! Where the motion stops before, the step will tell.
+          ! Where the motion stops before, the step will show it.
           self%lost = stop%outcome /= run_completed
           if (self%lost) return
         end if

@@ -178,7 +178,8 @@ contains
     if (more) call method%change_step(system, min(2.0_wp*method%h, at%until - at%from))
   end subroutine step_watched
 
-  !> Before the first step: hold the sides; the motion may begin on a rough surface, or beside it.
+  !> Before the first step: fix the sides; the motion may begin on a surface with friction, or near
+  !! it.
   subroutine begin_graded(at, system, q, v, jumps)
     type(watched_step_type), intent(inout) :: at
     class(driven_system_type), intent(inout) :: system
@@ -266,7 +267,7 @@ contains
   end subroutine shorten
 
   !> Begin the last part again, half as long, if that may help: steps are too large where a
-  !! motion is fast, as beside the pivot of a pendulum.
+  !! motion is fast, as near the pivot of a pendulum.
   subroutine halve(at, method, system, again)
     type(watched_step_type), intent(inout) :: at
     class(stepper_type), intent(inout) :: method
@@ -476,7 +477,7 @@ contains
       signal%signal => watch%signals(found(i)%which)
       call settle_thin(start, system, signal, found(i)%side, at%path, place, q, v)
       if (abs(place - found(i)%place) > furthest) then
-        ! That is another passage, or none that steps tell: they are too large for so many.
+        ! That is another event, or one that steps do not resolve: they are too large for so many.
         place = found(i)%place
         call at%path%at([place], t, here, rate)
         q = here(1, :)
