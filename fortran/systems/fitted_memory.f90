@@ -8,8 +8,8 @@
 !! exponential more has both moments, as the first Gauss rule of D's spectrum: Laplace transforms
 !! w/(s + r) = R(s) - S(s) at two small s. Of a motion that is slow compared with them, exp(s t),
 !! it leaves m_2 (s - s_1) (s - s_2): a constant part of what D pushes if both are of the order of
-!! 1/h, and one of (t_min s)^2 if they are of that of the motion. Below 1/reach S says nothing of R; and
-!! rounding, in the difference of both, is larger by s/s_2 at s.
+!! 1/h, and one of (t_min s)^2 if they are of that of the motion. Below 1/reach S says nothing of R;
+!! and rounding, in the difference of both, is larger by s/s_2 at s.
 module viscovib_fitted_memory
   use viscovib_hidden_memory, only: count_hidden, fades_by_exponentials
   use viscovib_kernel_holder, only: copy_kernels, kernel_holder
