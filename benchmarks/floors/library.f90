@@ -1,11 +1,11 @@
 !> Routines of the library that cannot be timed alone from Python.
 module floor_library
   use floor_clock, only: now, samples, show
-  use viscovib_channels, only: channels_type, new_channels
   use viscovib_collocation, only: collocation_type, new_collocation
   use viscovib_dense, only: factorize, solve
   use viscovib_exponential_history, only: exponential_history_type, new_exponential_history
   use viscovib_kinds, only: wp
+  use viscovib_memory_channels, only: channels_type, new_channels
   use viscovib_mount, only: mount_parameters, mount_type, new_mount
   use viscovib_oscillator, only: kernel_holder
   use viscovib_prony, only: new_prony, prony_kernel
@@ -68,8 +68,8 @@ contains
     call new_mount(mount, parameters, kernels, status)
     call new_collocation(table, 4)
     call new_channels(channels, mount, [0.0_wp, 0.0_wp])
-    call new_exponential_history(history, mount, channels, table, 0.125_wp, 100.0_wp, 1.0e-10_wp, &
-                                 possible)
+    call new_exponential_history(history, mount, channels, table, 0.125_wp, 0.125_wp, 100.0_wp, &
+                                 1.0e-10_wp, possible)
     if (.not. possible .or. status%failed()) error stop 'no history could be made'
     g = 0.1_wp
     best = huge(1.0_wp)
