@@ -17,10 +17,6 @@ if TYPE_CHECKING:
 _EPS = float(np.finfo(float).eps)
 #: A coordinate is compared to this part of the largest at least.
 _SMALLEST = 1e-6
-#: Tops of peaks between kept states are below this part of the largest displacement.
-PEAKS = 2e-3
-#: States that are kept for that at most.
-_MOST_STATES = 100_000
 
 
 @dataclass(frozen=True)

@@ -41,7 +41,7 @@ NODES = {"gauss2": 2, "gauss3": 3, "gauss4": 4, "gauss6": 6, "gauss8": 8}
 FIRST = {"gauss2": 12, "gauss3": 8, "gauss4": 6, "gauss6": 3, "gauss8": 2}
 #: Ways to keep the past, by their place in the core.
 PASTS = ("exponentials", "direct")
-_BEGUN, _NO_EXPONENTIALS, _STEP_TOO_LARGE, _NO_INTEGRAL = range(4)
+_NO_EXPONENTIALS, _STEP_TOO_LARGE, _NO_INTEGRAL = range(1, 4)
 #: Place of "step too large" in the outcomes of runs.
 _COARSE = 4
 #: Steps up to which all of the past is affordable without being asked for.

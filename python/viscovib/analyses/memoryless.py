@@ -58,8 +58,6 @@ REMEMBERING = ("gauss8",)
 AS_COORDINATES = ("auto", "exponentials")
 #: The same with coordinates of the core for exponentials that remember, as of `modal_frame`.
 MOST_IN_FRAME = 512
-#: Where masses begin in the numbers of a system.
-_MASS = 5
 #: Where the numbers of a system count its kernels; of structures they stand in elements alone.
 _N_KERNELS = 3
 #: How far beyond its end a run may go on: sums that stand for kernels reach as far.

@@ -35,9 +35,6 @@ MAX_FIRST_STEPS = 10**9
 ROUNDING = 1e-15
 #: Relative error of the time of a stop inside a step.
 LOCATED = 1e-12
-#: Relative change of the period of a motion without damping by the rounding errors of a step, in
-#: units of epsilon: a bound of what is measured.
-_DRIFT = 1 / 64
 #: Halvings of the step before a tolerance is given up, and while two runs end unlike each other.
 _MIN_HALVINGS, _MAX_HALVINGS, _MAX_UNLIKE = 5, 12, 9
 #: How many times as large a motion is that has run away.

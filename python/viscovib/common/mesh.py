@@ -95,7 +95,3 @@ class Mesh:
         begin = np.where(piece > 0, self.ends[piece - 1], 0.0)
         inside = begin + (k - before) * self.lengths[piece]
         return np.asarray(np.where(k == self.made_by[piece], self.ends[piece], inside))
-
-    def all_times(self, parts: int = 1) -> FloatArray:
-        """Ends of all steps from 0 on, each step cut in so many parts."""
-        return self.finer(parts).times(np.arange(self.count * parts + 1))
