@@ -63,7 +63,7 @@ def run() -> list[Row]:
     for title, stability in (("", False), (", with multipliers", True)):
 
         def job(stability: bool = stability) -> vv.DrivenBranch:
-            return vv.trace_response(LIGHT, p2=(0.25, 0.6), stability=stability)
+            return vv.trace_response(LIGHT, p2=(0.25, 0.6), harmonics=15, stability=stability)
 
         branch, time = job(), seconds(job)
         fine = vv.trace_response(LIGHT, p2=(0.25, 0.6), harmonics=31, stability=False)
