@@ -3,6 +3,7 @@ module viscovib_spectrum_tasks
   use viscovib_aliased_share, only: aliased_share, is_aliased
   use viscovib_amplitude_spectrum, only: amplitude_spectrum
   use viscovib_fourier, only: check_length, real_spectrum
+  use viscovib_free_decay, only: decay_type, find_free_decay
   use viscovib_kinds, only: i8, wp
   use viscovib_line_fit, only: line_residual, line_sums, lines_type, new_lines
   use viscovib_task, only: task_type
@@ -30,6 +31,8 @@ contains
       call find_residual(task)
     case ('aliased')
       call find_aliased(task)
+    case ('decay')
+      call find_decay(task)
     case default
       call task%refuse_kind()
     end select
@@ -137,5 +140,24 @@ contains
     call task%found%put_real('share', share)
     call task%found%put_integer('is_large', merge(1_i8, 0_i8, is_aliased(share, size(u))))
   end subroutine find_aliased
+
+  !> `count` decaying oscillations in coordinates `q` (n, n_dof) at times `t` (n): `roots` (count),
+  !! `amplitudes` (count, n_dof) and the `residual`.
+  subroutine find_decay(task)
+    type(task_type), intent(inout) :: task
+    real(wp), pointer, contiguous :: t(:), q(:, :)
+    type(decay_type) :: decay
+    integer :: count
+
+    t => task%get_reals('t')
+    q => task%get_matrix('q')
+    call task%check_extents('q', shape(q), [size(t), size(q, 2)])
+    count = task%get_integer('count')
+    if (.not. task%failed()) call find_free_decay(t, q, count, decay, task%status)
+    if (task%failed()) return
+    call task%found%put_complexes('roots', decay%roots, shape(decay%roots))
+    call task%found%put_complexes('amplitudes', decay%amplitudes, shape(decay%amplitudes))
+    call task%found%put_real('residual', decay%residual)
+  end subroutine find_decay
 
 end module viscovib_spectrum_tasks

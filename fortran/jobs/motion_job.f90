@@ -1,10 +1,11 @@
-!> A motion in time of any system, and spectra of it.
+!> A motion in time of any system, with its spectra and the decaying oscillations in it.
 module viscovib_motion_job
   use viscovib_aliased_share, only: aliased_share, is_aliased
   use viscovib_amplitude_spectrum, only: amplitude_spectrum
   use viscovib_fourier, only: check_length
   use viscovib_constants, only: pi
   use viscovib_counters, only: count_up, counted_columns, counting
+  use viscovib_free_decay, only: decay_type, find_free_decay
   use viscovib_hereditary_job, only: hereditary_job, plan_hereditary
   use viscovib_job, only: job_report, job_type, plan_unwanted, table_sink, told_error
   use viscovib_kinds, only: wp
@@ -25,7 +26,7 @@ module viscovib_motion_job
   implicit none
   private
 
-  public :: motion_job, spectrum_job, told_event
+  public :: decay_job, motion_job, spectrum_job, told_event
 
   !> What &spectrum asks for.
   type :: spectrum_job
@@ -38,6 +39,17 @@ module viscovib_motion_job
     integer, allocatable :: transformed(:)
   end type spectrum_job
 
+  !> What &free_decay asks for.
+  type :: decay_job
+    logical :: wanted = .false.
+    !> Number of oscillations.
+    integer :: count = 2
+    !> States before this time are left out.
+    real(wp) :: start = 0.0_wp
+    !> Coordinates to which the oscillations are fitted.
+    integer, allocatable :: fitted(:)
+  end type decay_job
+
   !> An event: its function, and "up", "down" or "any", and "terminal" if the run ends there.
   type :: told_event
     character(len=:), allocatable :: text
@@ -49,6 +61,7 @@ module viscovib_motion_job
     !> Frequency of the load of a system without memory (rad/s).
     real(wp) :: nu = 0.0_wp
     type(spectrum_job) :: spectrum
+    type(decay_job) :: decay
     !> Events as they were written, a line each; not allocated: none.
     type(told_event), allocatable :: events(:)
   contains
@@ -91,6 +104,9 @@ contains
     text = text//plan_unwanted('columns', subject, self%wanted)
     if (allocated(self%events)) text = text//'computes: passages of ' &
                                        //things(size(self%events), 'event')//new_line('a')
+    if (self%decay%wanted) text = text//'computes: '//things(self%decay%count, &
+      'decaying oscillation')//' of the motion from t = '//show(self%decay%start)//new_line('a') &
+      //plan_unwanted('a fit', subject, self%decay%fitted)
     if (.not. self%spectrum%wanted) then
       text = text//'skips: Fourier transforms (no spectrum asked for)'//new_line('a')
       return
@@ -133,6 +149,9 @@ contains
     call put_motion(self, subject, trajectory, method, sink, status)
     if (status%failed()) return
     if (allocated(self%events)) call put_events(self, subject, trajectory, sink, status)
+    if (status%failed()) return
+    if (self%decay%wanted) call put_decay(self%decay, subject, trajectory, sink, folded, status)
+    if (status%failed()) return
     report%complete = any(trajectory%outcome == [run_completed, run_event]) .and. kept >= 2
     report%summary = trim(run_names(trajectory%outcome))//' at t = '//show(trajectory%t_reached) &
                      //', '//things(size(trajectory%t), 'state')
@@ -144,6 +163,11 @@ contains
                                                      //show(trajectory%error)
     if (kept < 2) report%summary = report%summary//'; no spectrum: ' &
                                    //things(kept, 'state')//' from discard on, must be at least 2'
+    if (self%decay%wanted) then
+      report%complete = report%complete .and. folded == ''
+      report%summary = report%summary//', '//things(self%decay%count, 'decaying oscillation') &
+                       //folded
+    end if
     if (self%spectrum%wanted .and. kept >= 2) then
       folded = aliases(self%spectrum, subject, trajectory, kept, shares)
       report%complete = report%complete .and. folded == ''
@@ -257,6 +281,7 @@ contains
     integer :: i
     places = self%wanted
     if (self%spectrum%wanted) places = union(places, self%spectrum%transformed)
+    if (self%decay%wanted) places = union(places, self%decay%fitted)
     if (.not. allocated(self%motion%watched)) return
     associate (n => size(self%motion%initial)/2)
       places = union(places, pack([(i, i=1, n)], coordinates_read(self%motion%watched, n)))
@@ -387,5 +412,40 @@ contains
     end do
     call sink%put('spectrum', table, status)
   end subroutine put_spectrum
+
+  !> A row an oscillation, the largest first.
+  subroutine put_decay(self, subject, trajectory, sink, folded, status)
+    type(decay_job), intent(in) :: self
+    type(subject_type), intent(in) :: subject
+    type(trajectory_type), intent(in) :: trajectory
+    class(table_sink), intent(inout) :: sink
+    !> Coordinates that swing faster than the states tell.
+    character(len=:), allocatable, intent(out) :: folded
+    type(status_type), intent(out) :: status
+    type(table_type) :: table
+    type(decay_type), target :: decay
+    type(spectrum_job) :: fitted
+    real(wp), allocatable :: q(:, :)
+    integer :: first, i, n
+
+    folded = ''
+    n = count(trajectory%t >= self%start*(1.0_wp - 1.0e-12_wp))
+    first = size(trajectory%t) - n + 1
+    allocate (q(n, size(self%fitted)))
+    do i = 1, size(self%fitted)
+      q(:, i) = trajectory%states(trajectory%row_of(self%fitted(i)), first:)
+    end do
+    call find_free_decay(trajectory%t(first:), q, self%count, decay, status)
+    if (status%failed()) return
+    fitted%transformed = self%fitted
+    folded = aliases(fitted, subject, trajectory, n, aliased_shares(fitted, trajectory, n))
+    call table%note('motions Re(a exp(s t)), the largest first; largest residual of a ' &
+                    //'coordinate '//trim(exact(decay%residual))//' of its largest value')
+    call table%add_complex('s', decay%roots)
+    do i = 1, size(self%fitted)
+      call table%add_complex(trim(subject%coordinates(self%fitted(i))), decay%amplitudes(:, i))
+    end do
+    call sink%put('free_decay', table, status)
+  end subroutine put_decay
 
 end module viscovib_motion_job

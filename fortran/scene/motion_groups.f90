@@ -1,14 +1,15 @@
-!> The &transient and &spectrum groups of a scene.
+!> The &transient, &spectrum and &free_decay groups of a scene.
 module viscovib_motion_groups
   use viscovib_checks, only: check_increasing, check_positive
   use viscovib_driven_system, only: driven_system_type
+  use viscovib_free_decay, only: most_oscillations
   use viscovib_group_reader, only: group_reader
   use viscovib_hereditary_job, only: hereditary_job, hereditary_methods, past_names
   use viscovib_kinds, only: wp
   use viscovib_limits, only: largest_start
   use viscovib_load, only: load_type
   use viscovib_method_catalogue, only: transient_methods
-  use viscovib_motion_job, only: spectrum_job
+  use viscovib_motion_job, only: decay_job, spectrum_job
   use viscovib_status, only: show, status_type
   use viscovib_transient_checks, only: check_times, check_transient
   use viscovib_transient_job, only: transient_job
@@ -16,7 +17,7 @@ module viscovib_motion_groups
   implicit none
   private
 
-  public :: read_hereditary, read_frequency, read_transient, read_spectrum
+  public :: read_decay, read_hereditary, read_frequency, read_transient, read_spectrum
 
 contains
 
@@ -193,5 +194,26 @@ contains
                            //'and less than t_end = '//show(transient%t_end))
     end if
   end subroutine read_spectrum
+
+  subroutine read_decay(reader, transient, job)
+    type(group_reader), intent(inout) :: reader
+    class(transient_job), intent(in) :: transient
+    type(decay_job), intent(out) :: job
+
+    job%wanted = .true.
+    job%count = reader%read_integer('count', 2)
+    job%start = reader%read_real('start', 0.0_wp)
+    if (reader%status%failed()) return
+    if (transient%last_only) then
+      call reader%complain('free_decay', "&free_decay: needs the states all along, and " &
+                           //"&transient has keep = 'last'")
+    else if (job%count < 1 .or. job%count > most_oscillations) then
+      call reader%complain('count', 'count = '//show(job%count)//': must be 1 to ' &
+                           //show(most_oscillations))
+    else if (job%start < 0.0_wp .or. job%start >= transient%t_end) then
+      call reader%complain('start', 'start = '//show(job%start)//': must not be negative ' &
+                           //'and less than t_end = '//show(transient%t_end))
+    end if
+  end subroutine read_decay
 
 end module viscovib_motion_groups

@@ -33,8 +33,9 @@ module viscovib_scene_groups
   character(len=*), parameter :: oscillator_groups(11) = &
     [character(len=20) :: 'mount', 'system', 'spring', 'force', 'structure', 'element', 'layer', &
      'body', 'mount_point', 'kernel', 'load'], &
-                                 other_groups(6) = &
-    [character(len=20) :: 'scene', 'pendulum', 'spectrum', 'event', 'parameters', 'sweep'], &
+                                 other_groups(7) = &
+    [character(len=20) :: 'scene', 'pendulum', 'spectrum', 'free_decay', 'event', 'parameters', &
+     'sweep'], &
                                  repeatable(9) = &
     [character(len=20) :: 'kernel', 'load', 'spring', 'force', 'element', 'layer', 'mount_point', &
      'event', 'sweep'], &
@@ -115,7 +116,8 @@ contains
                                                .or. has(file, 'body') .or. has(file, 'event'))) then
       call refuse_at(file, i, '&parameters: needs &system, &structure or &body, which have laws, ' &
                      //'or &event', status)
-    else if (any(['spectrum', 'event   '] == name) .and. .not. has(file, 'transient')) then
+    else if (any(['spectrum  ', 'free_decay', 'event     '] == name) &
+             .and. .not. has(file, 'transient')) then
       call refuse_at(file, i, '&'//name//': needs &transient', status)
     end if
   end subroutine check_group

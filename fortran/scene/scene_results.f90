@@ -23,7 +23,8 @@ module viscovib_scene_results
   use viscovib_kinds, only: wp
   use viscovib_many_job, only: many_job
   use viscovib_modes_job, only: modes_job
-  use viscovib_motion_groups, only: read_frequency, read_hereditary, read_spectrum, read_transient
+  use viscovib_motion_groups, only: read_decay, read_frequency, read_hereditary, &
+    read_spectrum, read_transient
   use viscovib_motion_job, only: motion_job
   use viscovib_namelist, only: namelist_type
   use viscovib_oscillator, only: oscillator_type
@@ -98,13 +99,8 @@ contains
     end if
     call reader%close(canonical, status)
     if (status%failed()) return
-    n = place_of(file, 'spectrum')
-    if (n <= size(file%groups)) then
-      call reader%start(file%path, file%groups(n))
-      call read_spectrum_of(reader, subject, job)
-      call reader%close(canonical, status)
-      if (status%failed()) return
-    end if
+    call read_parts(file, subject, job, canonical, status)
+    if (status%failed()) return
     select type (job)
     type is (motion_job)
       call read_events(file, subject%coordinates, job, canonical, status)
@@ -283,18 +279,35 @@ contains
     end if
   end subroutine check_structure
 
-  !> The &spectrum group of a scene with &transient.
-  subroutine read_spectrum_of(reader, subject, job)
-    type(group_reader), intent(inout) :: reader
+  !> The groups &spectrum and &free_decay of a scene with &transient.
+  subroutine read_parts(file, subject, job, canonical, status)
+    type(namelist_type), intent(in) :: file
     type(subject_type), intent(in) :: subject
     class(job_type), intent(inout) :: job
+    type(growing_text), intent(inout) :: canonical
+    type(status_type), intent(inout) :: status
+    character(len=*), parameter :: names(2) = [character(len=10) :: 'spectrum', 'free_decay']
+    type(group_reader) :: reader
+    integer :: k, n
 
     select type (job)
     type is (motion_job)
-      call read_spectrum(reader, job%motion, job%spectrum)
-      call read_wanted(reader, subject%coordinates, job%spectrum%transformed, subject%shown())
+      do k = 1, size(names)
+        n = place_of(file, trim(names(k)))
+        if (n > size(file%groups)) cycle
+        call reader%start(file%path, file%groups(n))
+        if (k == 1) then
+          call read_spectrum(reader, job%motion, job%spectrum)
+          call read_wanted(reader, subject%coordinates, job%spectrum%transformed, subject%shown())
+        else
+          call read_decay(reader, job%motion, job%decay)
+          call read_wanted(reader, subject%coordinates, job%decay%fitted, subject%shown())
+        end if
+        call reader%close(canonical, status)
+        if (status%failed()) return
+      end do
     end select
-  end subroutine read_spectrum_of
+  end subroutine read_parts
 
   !> Put the place before the message of a plan that failed: the line to change.
   subroutine place_failure(file, subject, kind, status)

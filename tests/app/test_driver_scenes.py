@@ -507,3 +507,52 @@ def test_steady_motions_refused(solve, tmp_path, text, told):
     done = solve(scene, "--out", tmp_path)
     assert done.returncode == 2, done.stdout
     assert told in done.stderr
+
+
+def test_free_decay_is_that_of_python(solve, tmp_path):
+    """Roots and amplitudes of the same motion; roots of the characteristic equation."""
+    rng, scene = np.random.default_rng(4), tmp_path / "scene.nml"
+    for group in ("system", "structure"):
+        c, k, start = rng.uniform(0.02, 0.1), rng.uniform(1, 3), rng.uniform(1, 5)
+        names = " coordinates='x1' 'x2'"
+        scene.write_text(
+            f"&{group} mass=1 2 stiffness={k} -1 -1 {k} damping={c} 0 0 {2 * c} {names} /\n"
+            "&transient t_end=60 dt=0.1 initial=0.1 0 0 0 /\n"
+            f"&free_decay count=2 start={start} /\n"
+        )
+        done = solve(scene, "--out", tmp_path)
+        assert done.returncode == 0, done.stderr
+        assert "2 decaying oscillations" in done.stdout
+        table = read_csv(tmp_path / "scene_free_decay.csv")
+        found = np.array(table["s_re"], float) + 1j * np.array(table["s_im"], float)
+        pair = {"mass": [1, 2], "stiffness": [[k, -1], [-1, k]], "damping": [c, 2 * c]}
+        system = vv.PolynomialSystem(**pair, names=["x1", "x2"])
+        roots = system.characteristic_roots().oscillatory
+        assert found[np.argsort(found.imag)] == pytest.approx(roots, rel=1e-8)
+        run = vv.simulate(system, 60, dt=0.1, initial=[0.1, 0, 0, 0])
+        decay = vv.free_decay(run, start=start)
+        # Each row of the table is the same motion as that of Python.
+        for i, name in enumerate(("x1", "x2")):
+            got = np.array(table[f"{name}_re"], float) + 1j * np.array(table[f"{name}_im"], float)
+            assert got == pytest.approx(decay.amplitudes[:, i], rel=1e-6, abs=1e-9)
+        assert vv.run(scene).decay.columns["s_re"] == pytest.approx(found.real, rel=1e-15)
+
+
+def test_free_decay_needs_states(solve, tmp_path):
+    scene = tmp_path / "scene.nml"
+    system = "&system coordinates='x' mass=1 stiffness=1 /\n"
+    motion = "&transient t_end=10 dt=0.1 initial=0.1 0 /\n"
+    for text, expected in (
+        (system + "&free_decay /\n", "&free_decay: needs &transient"),
+        (system + motion + "&free_decay start=10 /\n", "start = 10: must not be negative"),
+        (system + motion + "&free_decay count=51 /\n", "count = 51: must be 1 to 50"),
+        (system + motion + "&free_decay start=9.5 count=1 /\n", "must be at least 8"),
+        (
+            system + motion.replace(" /", " keep='last' /") + "&free_decay /\n",
+            "needs the states all along",
+        ),
+    ):
+        scene.write_text(text)
+        done = solve(scene, "--out", tmp_path)
+        assert done.returncode == 2, text
+        assert expected in done.stderr

@@ -1,11 +1,13 @@
-!> Characteristic roots against closed forms, and eigenvalues of symmetric matrices.
+!> Characteristic roots and free decay against closed forms, and the linear algebra behind them.
 module test_roots
-  use testing, only: begin, check, check_close, check_ok
+  use testing, only: begin, check, check_close, check_fails, check_ok
   use viscovib_catalogue, only: kernel_prony, kernel_rabotnov, kernel_rzhanitsyn, new_kernel
   use viscovib_characteristic_matrix, only: characteristic_matrix, oscillator_matrix
   use viscovib_characteristic_roots, only: find_characteristic_roots, roots_type
+  use viscovib_free_decay, only: decay_type, find_free_decay
   use viscovib_kernel_holder, only: kernel_holder
   use viscovib_kinds, only: wp
+  use viscovib_orthogonal, only: add_rows, right_vectors
   use viscovib_polynomial, only: new_polynomial, polynomial_parameters, polynomial_type
   use viscovib_status, only: status_type
   use viscovib_symmetric_values, only: symmetric_values
@@ -22,6 +24,8 @@ contains
     end if
     if (begin('modes with one kernel have a scalar equation each')) call check_modes()
     if (begin('roots without memory are those of quadratics')) call check_quadratics()
+    if (begin('singular vectors of rows in parts are orthonormal')) call check_vectors()
+    if (begin('exponentials are taken apart')) call check_decay()
     if (begin('a kernel with an integral of 1 has a root 0')) call check_neutral()
   end subroutine run_roots
 
@@ -143,5 +147,70 @@ contains
     call check(roots%n_unstable == 0 .and. roots%complete, 'not growing')
     call check_close(real(roots%oscillatory(1)), -0.25_wp, 1.0e-13_wp, 'decay')
   end subroutine check_neutral
+
+  !> Rows in two parts have the Gram matrix of all, of which these are eigenvectors.
+  subroutine check_vectors()
+    integer, parameter :: m = 30, n = 7
+    real(wp) :: rows(m, n), r(n, n), part(m/2, n), left(n)
+    real(wp), allocatable :: values(:), vectors(:, :)
+    integer :: i, j, k
+
+    do j = 1, n
+      rows(:, j) = [(sin(0.7_wp*i*j) + 0.1_wp*cos(1.3_wp*i)*j, i=1, m)]*10.0_wp**(-j)
+    end do
+    r = 0.0_wp
+    do k = 0, 1
+      part = rows(k*m/2 + 1:(k + 1)*m/2, :)
+      call add_rows(r, part)
+    end do
+    call right_vectors(r, 1.0e-14_wp, values, vectors)
+    call check(size(values) == n, 'all of them')
+    do k = 1, n
+      left = matmul(matmul(rows, vectors(:, k)), rows) - values(k)**2*vectors(:, k)
+      call check_close(maxval(abs(left)), 0.0_wp, 1.0e-14_wp, 'residual', floor=values(1)**2)
+      left = matmul(vectors(:, k), vectors)
+      left(k) = left(k) - 1.0_wp
+      call check_close(maxval(abs(left)), 0.0_wp, 1.0e-13_wp, 'orthonormal', floor=1.0_wp)
+      if (k > 1) call check(values(k) <= values(k - 1), 'falling')
+    end do
+  end subroutine check_vectors
+
+  !> Two oscillations and a creep in two coordinates, the second of which is small.
+  subroutine check_decay()
+    complex(wp), parameter :: s(2) = [(-0.02_wp, 1.5_wp), (-0.3_wp, 5.6_wp)]
+    complex(wp), parameter :: a(2, 2) = reshape([(1.0_wp, 0.5_wp), (0.2_wp, -0.1_wp), &
+                                                 (1.0e-6_wp, 0.0_wp), (3.0e-7_wp, 2.0e-7_wp)], &
+                                                [2, 2])
+    real(wp), parameter :: creep(2) = [0.3_wp, 2.0e-6_wp]
+    type(decay_type) :: decay
+    type(status_type) :: status
+    real(wp) :: t(400), q(400, 2)
+    integer :: i, j
+
+    t = [(2.0_wp + 0.1_wp*i, i=1, size(t))]
+    do j = 1, 2
+      q(:, j) = creep(j)*exp(-0.05_wp*t)
+      do i = 1, 2
+        q(:, j) = q(:, j) + real(a(i, j)*exp(s(i)*t))
+      end do
+    end do
+    call find_free_decay(t, q, 2, decay, status)
+    call check_ok(status)
+    do i = 1, 2
+      call check_close(abs(decay%roots(i) - s(i)), 0.0_wp, 1.0e-9_wp, 'root', floor=1.0_wp)
+      do j = 1, 2
+        call check_close(abs(decay%amplitudes(i, j) - a(i, j)), 0.0_wp, 1.0e-8_wp, 'amplitude', &
+                         floor=abs(a(1, j)))
+      end do
+    end do
+    call check(decay%residual < 1.0e-11_wp, 'residual')
+    call find_free_decay(t(:15), q(:15, :), 2, decay, status)
+    call check_fails(status, '15 states after start, must be at least 16')
+    call find_free_decay(t, 0.0_wp*q, 2, decay, status)
+    call check_fails(status, 'is at rest')
+    t(400) = t(400) + 0.01_wp
+    call find_free_decay(t, q, 2, decay, status)
+    call check_fails(status, 'equal steps')
+  end subroutine check_decay
 
 end module test_roots

@@ -124,6 +124,10 @@ MORE = {
 &mount mass=1 inertia=0.1 offset=0.5 stiffness_x=10 stiffness_phi=2 /
 &characteristic_roots /
 """,
+    "free_decay": """&system coordinates='x' 'y' mass=1 1 stiffness=2 -1 -1 2 damping=0.1 0 0 0.05 /
+&transient t_end=40 dt=0.1 initial=0.1 0 0 0 /
+&free_decay start=2 /
+""",
     "modes_of_a_pendulum": """&pendulum e=0.1 w2=0.4 w3=0.8 /
 &modes /
 """,
@@ -234,6 +238,9 @@ def _compare(scene, folder):
     if result.spectrum is not None:
         result.spectrum_to_csv(mine)
         assert mine.read_bytes() == tables.pop(f"{scene.stem}_spectrum.csv")
+    if result.decay is not None:
+        result.decay_to_csv(mine)
+        assert mine.read_bytes() == tables.pop(f"{scene.stem}_free_decay.csv")
     assert not tables
 
 

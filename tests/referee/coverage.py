@@ -107,6 +107,7 @@ NOTHING_TO_JUDGE = {
     "Modulation.to_dataset": _ARRAYS,
     "Result.to_netcdf": "to_dataset in a file, which test_results compares",
     "Scene.events": "what &event groups say; test_driver_events compares their passages",
+    "SceneResult.decay_to_csv": "the table of decaying oscillations, which test_tables compares",
     "SceneResult.events_to_csv": "the table of events, which test_driver_events compares",
     "SceneResult.spectrum_to_csv": "the table of a spectrum, which test_tables compares",
 }

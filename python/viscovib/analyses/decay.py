@@ -10,8 +10,10 @@ from viscovib import _native
 from viscovib._native import ComplexArray, FloatArray
 from viscovib.analyses.signals import tell_aliases
 from viscovib.common.values import Value
-from viscovib.errors import InputError
 from viscovib.results.trajectory import Trajectory
+
+#: Numbers of a motion for which the fit takes a few milliseconds.
+_FEW = 500
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -104,45 +106,10 @@ def free_decay(trajectory: Trajectory, *, count: int = 2, start: float = 0.0) ->
     begin = _native.number("start", start)
     keep = trajectory.t >= begin
     t, q = trajectory.t[keep], trajectory.state[keep][:, ::2]
-    if t.size < 8 * wanted:
-        raise InputError(
-            f"trajectory: {t.size} states after start = {begin:g}, must be at least {8 * wanted}"
-        )
-    steps = np.diff(t)
-    if np.ptp(steps) > 1e-6 * steps.mean():
-        raise InputError("trajectory: must be kept at equal steps")
-    sizes = np.abs(q).max(axis=0)
-    moving = sizes > 0
-    if not moving.any():
-        raise InputError("trajectory: is at rest, nothing decays")
-    for i in np.flatnonzero(moving):
-        v = trajectory.state[keep][:, 2 * i + 1]
-        tell_aliases(trajectory.dof_names[i], q[:, i], v, float(steps.mean()))
-    poles = _poles(q[:, moving] / sizes[moving], 4 * wanted)
-    basis = np.exp(np.outer(np.arange(t.size), np.log(poles)))
-    shares, *_ = np.linalg.lstsq(basis, q.astype(complex), rcond=None)
-    residual = float((np.abs(q - (basis @ shares).real).max(axis=0)[moving] / sizes[moving]).max())
-    roots = np.log(poles) / steps.mean()
-    swings = np.flatnonzero(roots.imag > 1e-9 * np.abs(roots))
-    weight = np.abs(shares[swings] / np.where(moving, sizes, 1.0)).max(axis=1, initial=0.0)
-    order = swings[np.argsort(-weight)][:wanted]
-    if order.size < wanted:
-        raise InputError(f"count = {wanted}: only {order.size} oscillations are in this motion")
-    amplitudes = 2 * shares[order] * np.exp(-roots[order] * t[0])[:, np.newaxis]
-    return FreeDecay(roots[order], amplitudes, residual)
-
-
-def _poles(q: FloatArray, most: int) -> ComplexArray:
-    """Factors a step of the exponentials in the columns of q, at most ``most``."""
-    n = q.shape[0]
-    # A few hundred rows of the pencil hold all there is; longer ones cost a cube.
-    length = min(n // 2, 200)
-    rows = n - length
-    hankel = np.concatenate(
-        [np.lib.stride_tricks.sliding_window_view(column, length + 1)[:rows] for column in q.T]
-    )
-    _, values, right = np.linalg.svd(hankel, full_matrices=False)
-    rank = min(most, int((values > 1e-14 * values[0]).sum()))
-    signal = right[:rank].T
-    poles = np.linalg.eigvals(np.linalg.lstsq(signal[:-1], signal[1:], rcond=None)[0])
-    return np.asarray(poles[np.abs(poles) > 0])
+    values = {"t": t, "q": q, "count": wanted}
+    found = _native.run_either(q.size > _FEW, "spectrum decay", **values)
+    step = float(np.diff(t).mean())
+    for i, name in enumerate(trajectory.dof_names):
+        if q[:, i].any():
+            tell_aliases(name, q[:, i], trajectory.state[keep][:, 2 * i + 1], step)
+    return FreeDecay(found["roots"], found["amplitudes"], found["residual"])

@@ -40,6 +40,9 @@ _SUBJECTS = (
     "element", "layer", "body", "mount_point", "load", "sweep",
 )  # fmt: skip
 
+#: Groups whose tables belong to another group.
+_FURTHER = ("spectrum", "event", "free_decay")
+
 
 @dataclass(frozen=True, eq=False)
 class SceneResult:
@@ -68,6 +71,8 @@ class SceneResult:
     spectrum: Spectrum | TableResult | None = None
     events: TableResult | None = None
     switched: tuple[DrivenBranch, ...] | tuple[Backbone, ...] | tuple[TableResult, ...] = ()
+    #: The table of &free_decay; the motion itself is then a table too.
+    decay: TableResult | None = None
 
     @property
     def _result(self) -> Result | None:
@@ -115,6 +120,12 @@ class SceneResult:
         if self.events is None:
             raise InputError("events_to_csv: this scene has no &event")
         self._write(self.events, path)
+
+    def decay_to_csv(self, path: str | os.PathLike[str]) -> None:
+        """Write the table of decaying oscillations."""
+        if self.decay is None:
+            raise InputError("decay_to_csv: this scene has no &free_decay")
+        self._write(self.decay, path)
 
     def _write(self, value: Result, path: str | os.PathLike[str]) -> None:
         asked = "transient" if value.kind == "event" else value.kind
@@ -165,7 +176,7 @@ class SceneResult:
 def run_one(scene: Scene, *, progress: bool = False) -> SceneResult:
     """Compute what a scene without &sweep asks for."""
     planned = plan(scene)
-    if "structure" in scene.groups or "body" in scene.groups:
+    if not scene.groups.keys().isdisjoint(("structure", "body", "free_decay")):
         return _by_core(scene, planned)
     if "multiple_scales" in scene.groups:
         return SceneResult(scene, replace(scene._steady(), plan=planned))
@@ -200,7 +211,7 @@ def _asked(scene: Scene, name: str) -> tuple[str, ...]:
 def _by_core(scene: Scene, planned: Plan) -> SceneResult:
     """Let the core do all of it: the tables of the standalone driver, read back."""
     kinds = [name for name, group in scene.groups.items() if name not in _SUBJECTS and group != []]
-    kinds.sort(key=lambda name: (name == "event", name == "spectrum"))
+    kinds.sort(key=_FURTHER.count)
     several = ("basins", "ensemble", "steady_motion")
     many = next((name for name in several if name in scene.groups), None)
     if many and (many != "ensemble" or scene.groups[many]["sections"]):
@@ -208,7 +219,8 @@ def _by_core(scene: Scene, planned: Plan) -> SceneResult:
         return SceneResult(scene, first, switched=tuple(replace(x, kind=many) for x in more))
     first, *others = run_tables(scene, kinds, planned)
     beside = {table.kind: table for table in others}
-    return SceneResult(scene, first, beside.get("spectrum"), beside.get("event"))
+    spectra, passages, decay = map(beside.get, _FURTHER)
+    return SceneResult(scene, first, spectra, passages, decay=decay)
 
 
 def _events(scene: Scene, run: Trajectory) -> TableResult | None:
