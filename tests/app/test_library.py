@@ -239,6 +239,11 @@ MOUNT = b"""&mount mass=1, inertia=0.1, offset=0.5, stiffness_x=10, stiffness_ph
             ),
         ),
         ("modes", "", lambda c, s: (c.viscovib_analyse, s, b"modes", None)),
+        (
+            "characteristic_roots",
+            "",
+            lambda c, s: (c.viscovib_analyse, s, b"characteristic_roots", None),
+        ),
     ],
 )
 def test_calls_give_the_tables_of_scenes(library, solve, tmp_path, name, keys, made):
