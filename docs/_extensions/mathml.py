@@ -11,7 +11,9 @@ def _inline(writer, node):
 
 def _display(writer, node):
     writer.body.append(writer.starttag(node, "div", CLASS="formula"))
-    writer.body.append(convert(node.astext(), display="block"))
+    # latex2mathml has no "aligned", which means the same within a formula.
+    text = node.astext().replace("{aligned}", "{align*}")
+    writer.body.append(convert(text, display="block"))
     writer.body.append("</div>\n")
     raise nodes.SkipNode
 
