@@ -20,7 +20,8 @@ module viscovib_motion_tasks
   use viscovib_polynomial_job, only: plan_polynomial
   use viscovib_polynomial_motion, only: polynomial_motion_type
   use viscovib_reduction, only: moved_coordinates
-  use viscovib_steady_motion_tasks, only: run_period, steady_motion
+  use viscovib_steady_motion_tasks, only: find_motion_extremes, run_period, &
+    steady_motion, trace_branch
   use viscovib_task, only: task_type
   use viscovib_transient_job, only: transient_job
   implicit none
@@ -49,6 +50,10 @@ contains
       call run_period(task)
     case ('steady')
       call steady_motion(task)
+    case ('branch')
+      call trace_branch(task)
+    case ('extremes')
+      call find_motion_extremes(task)
     case ('moving coordinates')
       call find_moving(task)
     case ('hidden coordinates')

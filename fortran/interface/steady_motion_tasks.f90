@@ -1,19 +1,54 @@
 !> Tasks about periodic motions in time by shooting.
 module viscovib_steady_motion_tasks
+  use viscovib_binding_tools, only: kernels_in_vector
   use viscovib_kinds, only: i8, wp
   use viscovib_load, only: load_type
+  use viscovib_motion_branch, only: branch_options, motion_branch, trace_motion
+  use viscovib_motion_extremes, only: find_extremes
   use viscovib_motion_inputs, only: load_of, polynomial_of
+  use viscovib_motion_path, only: map_family, map_motion, plain_family
+  use viscovib_oscillator, only: oscillator_type
   use viscovib_period_map, only: new_period_map, period_map, period_run
   use viscovib_polynomial, only: polynomial_type
   use viscovib_shooting, only: accuracy_type, check_repeating, find_shortest_period, &
     show_repeating, steady_from_rest, steady_type
+  use viscovib_status, only: status_type
   use viscovib_task, only: task_type
+  use viscovib_vector_builder, only: vector_builder
   implicit none
   private
 
-  public :: run_period, steady_motion
+  public :: find_motion_extremes, run_period, steady_motion, trace_branch
+
+  !> Along a number of the system, which is built anew at each value.
+  type, extends(map_family) :: built_family
+    type(period_map) :: map
+    type(vector_builder) :: builder
+    class(oscillator_type), allocatable :: own
+  contains
+    procedure :: map_at => built_map
+  end type built_family
 
 contains
+
+  subroutine built_map(self, p, map, made)
+    class(built_family), intent(inout), target :: self
+    real(wp), intent(in) :: p
+    type(period_map), intent(out) :: map
+    logical, intent(out) :: made
+    type(status_type) :: status
+
+    call self%builder%build(p, self%own, status)
+    made = .not. status%failed()
+    if (.not. made) return
+    map = self%map
+    select type (own => self%own)
+    type is (polynomial_type)
+      map%system => own
+    class default
+      made = .false.
+    end select
+  end subroutine built_map
 
   !> The map of a polynomial system under the load `orders` (k), `series` (n + 1, k) of frequency
   !! `nu`, over `n_periods`, by `method` as of `viscovib_method_catalogue`.
@@ -105,5 +140,113 @@ contains
       call found%put_real('allowed', wanted%allowed(map, steady%found%state))
     end associate
   end subroutine steady_motion
+
+  !> Extremes `low`, `high` of each displacement in the motion from `begin` in `n_steps`, between
+  !! the ascending `times`, with a relative error of `tolerance`.
+  subroutine find_motion_extremes(task)
+    type(task_type), intent(inout) :: task
+    type(map_motion) :: motion
+    real(wp), pointer, contiguous :: begin(:), times(:)
+    real(wp), allocatable :: low(:), high(:)
+
+    call read_map(task, motion%map)
+    if (task%failed()) return
+    begin => task%get_reals('begin')
+    times => task%get_reals('times')
+    motion%n_steps = task%get_long('n_steps')
+    call task%check_extents('begin', shape(begin), [motion%map%n_state()])
+    if (task%failed()) return
+    motion%state = begin
+    call find_extremes(motion, times, task%get_real('tolerance'), low, high)
+    call task%found%put_reals('low', low, shape(low))
+    call task%found%put_reals('high', high, shape(high))
+  end subroutine find_motion_extremes
+
+  !> A branch of periodic motions from `start` to `finish` of what `varies`: 'nu', 'load_factor', or
+  !! else a number of the system: then `flat` and `direction` are as of a branch of responses. The
+  !! first motion as of `steady_motion`; `max_step`, `max_points`.
+  subroutine trace_branch(task)
+    type(task_type), intent(inout) :: task
+    class(map_family), allocatable, target :: family
+    type(plain_family), allocatable :: plain
+    type(built_family), allocatable :: built
+    type(branch_options) :: options
+    type(motion_branch) :: branch
+    real(wp), pointer, contiguous :: flat(:), direction(:), begin(:)
+    character(len=:), allocatable :: varies
+
+    varies = task%get_text('varies')
+    options%start = task%get_real('start')
+    options%finish = task%get_real('finish')
+    options%max_step = task%get_real('max_step')
+    options%max_points = task%get_integer('max_points')
+    options%accuracy = accuracy_type(task%get_real('absolute'), task%get_real('relative'))
+    if (task%failed()) return
+    if (varies == 'nu' .or. varies == 'load_factor') then
+      allocate (plain)
+      plain%is_frequency = varies == 'nu'
+      call read_map(task, plain%map)
+      call move_alloc(plain, family)
+    else
+      allocate (built)
+      call read_map(task, built%map)
+      flat => task%get_reals('flat')
+      direction => task%get_reals('direction')
+      if (task%failed()) return
+      built%builder = vector_builder(flat, direction, [real(wp) ::], [real(wp) ::], &
+                                     kernels_in_vector, 0)
+      call move_alloc(built, family)
+    end if
+    if (task%failed()) return
+    if (task%has('begin')) then
+      begin => task%get_reals('begin')
+      options%begin = begin
+    end if
+    call trace_motion(family, options, branch)
+    call put_branch(task, branch)
+  end subroutine trace_branch
+
+  !> `ended` as of `viscovib_motion_branch`; points in columns of `begin`, `low`, `high`,
+  !! `multipliers`; events by their kinds of `viscovib_motion_events`, the points `before` them
+  !! (from 1), NaN where they are not located.
+  subroutine put_branch(task, branch)
+    type(task_type), intent(inout) :: task
+    type(motion_branch), intent(in) :: branch
+    real(wp), allocatable :: states(:, :)
+    complex(wp), allocatable :: multipliers(:, :)
+    integer :: i, n, m
+
+    n = branch%n_points
+    m = 0
+    if (n > 0) m = size(branch%motions(1)%found%state)
+    allocate (states(m, n), multipliers(m, n))
+    do i = 1, n
+      states(:, i) = branch%motions(i)%found%state
+      multipliers(:, i) = branch%motions(i)%multipliers
+    end do
+    associate (found => task%found, motions => branch%motions(:n))
+      call found%put_integer('ended', int(branch%outcome, i8))
+      call found%put_text('reason', branch%reason)
+      call found%put_reals('p', branch%p(:n), [n])
+      call found%put_reals('begin', states, shape(states))
+      call found%put_complexes('multipliers', multipliers, shape(multipliers))
+      call found%put_reals('low', branch%low(:, :n), [size(branch%low, 1), n])
+      call found%put_reals('high', branch%high(:, :n), [size(branch%low, 1), n])
+      call found%put_integers('stable', [(motions(i)%stability(), i=1, n)], [n])
+      call found%put_integers('n_passed', motions%found%n_passed, [n])
+      call found%put_integers('outcome', motions%found%outcome, [n])
+      call found%put_integers('repeats_after', branch%repeats_after(:n), [n])
+      call found%put_longs('n_steps', motions%n_steps, [n])
+      call found%put_reals('error', motions%error, [n])
+      call found%put_reals('multiplier_error', motions%multiplier_error, [n])
+      call found%put_reals('allowed', branch%allowed(:n), [n])
+      call found%put_integers('kind', branch%kind, shape(branch%kind))
+      call found%put_integers('before', branch%before, shape(branch%kind))
+      call found%put_reals('place', branch%place, shape(branch%kind))
+      call found%put_reals('place_error', branch%place_error, shape(branch%kind))
+      call found%put_integers('sure', merge(1, 0, branch%is_sure), shape(branch%kind))
+      call found%put_reals('largest', branch%largest, shape(branch%largest))
+    end associate
+  end subroutine put_branch
 
 end module viscovib_steady_motion_tasks

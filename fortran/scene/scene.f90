@@ -160,8 +160,8 @@ contains
 
     logical :: is_always_whole
 
-    is_always_whole = min(place_of(file, 'ensemble'), place_of(file, 'steady_motion')) &
-                      <= size(file%groups)
+    is_always_whole = min(place_of(file, 'ensemble'), place_of(file, 'steady_motion'), &
+                          place_of(file, 'trace_motion')) <= size(file%groups)
     if (is_always_whole) then
       if (.not. may_be_whole(subject%model)) return
     else

@@ -25,6 +25,7 @@ module viscovib_scene_groups
                                                 result_name('characteristic_roots', .false., &
                                                             .false.), &
                                                 result_name('steady_motion', .false., .true.), &
+                                                result_name('trace_motion', .false., .true.), &
                                                 result_name('transient', .true., .false.), &
                                                 result_name('ensemble', .true., .false.), &
                                                 result_name('basins', .true., .false.)]
@@ -39,9 +40,10 @@ module viscovib_scene_groups
                                  repeatable(9) = &
     [character(len=20) :: 'kernel', 'load', 'spring', 'force', 'element', 'layer', 'mount_point', &
      'event', 'sweep'], &
-                                 of_structures(10) = &
+                                 of_structures(11) = &
     [character(len=20) :: 'response', 'branch', 'backbone', 'modes', 'transient', 'basins', &
-     'ensemble', 'equilibrium', 'characteristic_roots', 'steady_motion']
+     'ensemble', 'equilibrium', 'characteristic_roots', 'steady_motion', &
+     'trace_motion']
 
 contains
 

@@ -30,7 +30,7 @@ module viscovib_scene_results
   use viscovib_oscillator, only: oscillator_type
   use viscovib_fitted_motion, only: new_fitted_motion
   use viscovib_polynomial_motion, only: polynomial_motion_type
-  use viscovib_repeating_groups, only: read_steady_motion
+  use viscovib_repeating_groups, only: read_steady_motion, read_trace_motion
   use viscovib_response_groups, only: read_response
   use viscovib_response_job, only: response_job
   use viscovib_scales_groups, only: read_oscillator_scales, read_pendulum_scales
@@ -40,6 +40,7 @@ module viscovib_scene_results
   use viscovib_steady_motion_job, only: steady_motion_job
   use viscovib_structure_model, only: structure_model
   use viscovib_subject, only: subject_type
+  use viscovib_trace_motion_job, only: trace_motion_job
   use viscovib_transient_job, only: transient_job
   use viscovib_wanted_coordinates, only: read_wanted
   implicit none
@@ -84,6 +85,8 @@ contains
       allocate (characteristic_roots_job :: job)
     case ('steady_motion')
       call read_steady_motion_job(reader, subject, job)
+    case ('trace_motion')
+      call read_trace_motion_job(reader, subject, job)
     case ('ensemble')
       call read_ensemble_job(reader, file, subject, job)
     case ('basins')
@@ -107,7 +110,7 @@ contains
       return
     end select
     if (any(job%kind() == ['response     ', 'branch       ', 'equilibrium  ', &
-                           'steady_motion'])) then
+                           'steady_motion', 'trace_motion '])) then
       ! What only the whole job shows to be wrong.
       call job%plan(subject, plan, status)
       if (status%failed()) call place_failure(file, subject, job%kind(), status)
@@ -169,6 +172,17 @@ contains
     call read_steady_motion(reader, subject, own)
     call move_alloc(own, job)
   end subroutine read_steady_motion_job
+
+  subroutine read_trace_motion_job(reader, subject, job)
+    type(group_reader), intent(inout) :: reader
+    type(subject_type), intent(in) :: subject
+    class(job_type), allocatable, intent(out) :: job
+    type(trace_motion_job), allocatable :: own
+
+    allocate (own)
+    call read_trace_motion(reader, subject, own)
+    call move_alloc(own, job)
+  end subroutine read_trace_motion_job
 
   subroutine read_branch_job(reader, subject, job)
     type(group_reader), intent(inout) :: reader

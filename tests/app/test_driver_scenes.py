@@ -556,3 +556,54 @@ def test_free_decay_needs_states(solve, tmp_path):
         done = solve(scene, "--out", tmp_path)
         assert done.returncode == 2, text
         assert expected in done.stderr
+
+
+@pytest.mark.parametrize("seed", [0, 1, 5])
+def test_branches_of_motions_as_in_python(solve, tmp_path, seed):
+    """The table has the points and the events of `vv.trace_motion`."""
+    rng = np.random.default_rng(seed)
+    text, system, amplitudes = random_switching(rng)
+    start = float(rng.uniform(0.5, 1.5))
+    ends, nu = (start, start + 0.1), float(rng.uniform(0.5, 1.5))
+    scene = tmp_path / "scene.nml"
+    options = {"max_step": 0.2, "max_points": 30}
+    if seed == 0:
+        keys = f"vary='load_factor' nu={nu!r} from={ends[0]!r} to={ends[1]!r}"
+        branch = vv.trace_motion(system, nu=nu, load_range=ends, load=amplitudes, **options)
+    else:
+        keys = f"nu_from={ends[0]!r} nu_to={ends[1]!r}"
+        branch = vv.trace_motion(system, ends, load=amplitudes, **options)
+    scene.write_text(f"{text}&trace_motion {keys} max_step=0.2 max_points=30 /\n")
+    done = solve(scene, "--out", tmp_path)
+    assert done.returncode == (0 if branch.complete else 1), done.stderr
+    table = read_csv(tmp_path / "scene_trace_motion.csv")
+    np.testing.assert_allclose(np.array(table[branch.varies], float), branch.parameter, rtol=1e-12)
+    for name, column in (("x1_min", branch.smallest), ("x1_max", branch.largest)):
+        np.testing.assert_allclose(np.array(table[name], float), column[:, 0], atol=1e-12)
+    states = np.array([table["x1"], table["x1_dot"]], float).T
+    np.testing.assert_allclose(states, branch.state[:, :2], atol=1e-12)
+    codes = np.array(table["stable"], int).tolist()
+    assert codes == [{True: 1, False: 0, None: -1}[one] for one in branch.stable]
+    head = (tmp_path / "scene_trace_motion.csv").read_text()
+    assert head.count("# grazing after point") == branch.grazings.size
+    assert head.count("# fold after point") == branch.folds.size
+
+
+@pytest.mark.parametrize(
+    ("keys", "told"),
+    [
+        ("nu_from=1", "nu_to"),
+        ("nu_from=1 nu_to=1", "nu_to = 1: must differ from nu_from"),
+        ("nu_from=-1 nu_to=1", "nu_from = -1: must be greater than 0"),
+        ("vary='load_factor' from=1 to=2", "nu"),
+        ("vary='mass' from=1 to=2 nu=1", "must be one of 'nu', 'load_factor'"),
+        ("nu_from=1 nu_to=2 max_step=1", "max_step = 1: must be 1e-6 to 0.5"),
+        ("nu_from=1 nu_to=2 max_points=1", "max_points = 1: must be 2 to 100000"),
+    ],
+)
+def test_branches_of_motions_refused(solve, tmp_path, keys, told):
+    scene = tmp_path / "scene.nml"
+    scene.write_text(f"{REPEATS}&trace_motion {keys} /\n")
+    done = solve(scene, "--out", tmp_path)
+    assert done.returncode == 2, done.stdout
+    assert told in done.stderr

@@ -4,7 +4,11 @@ module test_dense
   use viscovib_block_factors, only: factorize_blocks
   use viscovib_curve_factors, only: curve_factors, new_factors
   use viscovib_dense, only: factorize, factorize_padded, invert, solve
+  use viscovib_eigenvalue_conditions, only: eigenvalue_conditions
+  use viscovib_eigenvalues, only: eigenvalues
+  use viscovib_interpolated_root, only: interpolated, interpolated_roots
   use viscovib_kinds, only: wp
+  use viscovib_pseudo_inverse, only: determinant, null_vector, pseudo_inverse
   implicit none
   private
 
@@ -13,6 +17,77 @@ module test_dense
 contains
 
   subroutine run_dense()
+    call run_factors()
+    if (begin('pseudo-inverses of matrices of lower rank')) call run_pseudo_inverses()
+    if (begin('conditions of eigenvalues')) call run_conditions()
+    if (begin('zeros of polynomials through points')) call run_interpolated()
+  end subroutine run_dense
+
+  !> A A+ A = A, A+ A A+ = A+, and the smallest solution.
+  subroutine run_pseudo_inverses()
+    real(wp), allocatable :: a(:, :), inverse(:, :), x(:)
+    integer :: i, j, k, n, rank
+
+    do n = 1, 7
+      do rank = max(n - 2, 1), n
+        a = reshape([((sum([(sin(real(i*k + 1, wp))*cos(real(j*k*k, wp)), k=1, rank)]), &
+                       i=1, n), j=1, n)], [n, n])
+        call pseudo_inverse(a, inverse)
+        call check_close(maxval(abs(matmul(a, matmul(inverse, a)) - a)), 0.0_wp, 1.0e-11_wp, &
+                         'A A+ A = A', floor=1.0_wp)
+        call check_close(maxval(abs(matmul(a, inverse) - transpose(matmul(a, inverse)))), &
+                         0.0_wp, 1.0e-9_wp, 'symmetric', floor=1.0_wp)
+      end do
+    end do
+    call null_vector(reshape([1.0_wp, 0.0_wp, 1.0_wp, 1.0_wp, 0.0_wp, 1.0_wp], [2, 3]), x)
+    call check_close(abs(x(1) - x(3)), 0.0_wp, 1.0e-15_wp, 'null vector', floor=1.0_wp)
+    call check_close(abs(sum(x)), 1.0_wp/sqrt(3.0_wp), 1.0e-15_wp, 'unit vector')
+    call check_close(determinant(reshape([0.0_wp, 2.0_wp, 3.0_wp, 1.0_wp], [2, 2])), -6.0_wp, &
+                     1.0e-15_wp, 'determinant')
+  end subroutine run_pseudo_inverses
+
+  !> Of [1 c; 0 d] they are sqrt(1 + (c/(1 - d))^2), in any orthonormal axes; of an eigenvalue that
+  !! exists twice, with two vectors, 1.
+  subroutine run_conditions()
+    real(wp) :: a(3, 3), turn(3, 3), conditions(3), c
+    complex(wp) :: values(3)
+    logical :: found
+    integer :: i
+
+    turn = reshape([2.0_wp, -1.0_wp, 2.0_wp, 2.0_wp, 2.0_wp, -1.0_wp, -1.0_wp, 2.0_wp, 2.0_wp]/3, &
+                   [3, 3])
+    do i = 0, 3
+      c = 10.0_wp**i
+      a = 0.0_wp
+      a(1, 1) = 1.0_wp
+      a(1, 2) = c
+      a(2, 2) = 0.5_wp
+      a(3, 3) = -0.2_wp
+      a = matmul(turn, matmul(a, transpose(turn)))
+      call eigenvalues(a, values, found)
+      call eigenvalue_conditions(a, values, conditions)
+      call check_close(conditions(1), sqrt(1.0_wp + (c/0.5_wp)**2), 1.0e-6_wp, 'condition')
+      call check_close(conditions(3), 1.0_wp, 1.0e-6_wp, 'apart')
+    end do
+    a = reshape([2.0_wp, 0.0_wp, 0.0_wp, 0.0_wp, 2.0_wp, 0.0_wp, 0.0_wp, 0.0_wp, 1.0_wp], [3, 3])
+    call eigenvalues(a, values, found)
+    call eigenvalue_conditions(a, values, conditions)
+    call check_close(maxval(conditions), 1.0_wp, 1.0e-12_wp, 'twice')
+  end subroutine run_conditions
+
+  !> Of (x - 0.3) (x + 1) (x^2 + 0.1), and of a constant.
+  subroutine run_interpolated()
+    real(wp), parameter :: x(6) = [0.05_wp, 0.2_wp, 0.4_wp, 0.5_wp, 0.8_wp, 0.95_wp]
+    real(wp), allocatable :: roots(:)
+    call interpolated_roots(x, (x - 0.3_wp)*(x + 1.0_wp)*(x**2 + 0.1_wp), roots)
+    call check(size(roots) == 1, 'one zero')
+    call check_close(roots(1), 0.3_wp, 1.0e-12_wp, 'zero')
+    call check_close(interpolated(x, x**5, 0.6_wp), 0.6_wp**5, 1.0e-13_wp, 'value')
+    call interpolated_roots(x, 0.0_wp*x + 2.0_wp, roots)
+    call check(size(roots) == 0, 'none')
+  end subroutine run_interpolated
+
+  subroutine run_factors()
     complex(wp), allocatable :: a(:, :), b(:, :), product(:, :)
     logical :: singular
     integer :: n, i, j
@@ -65,7 +140,7 @@ contains
         deallocate (b)
       end do
     end if
-  end subroutine run_dense
+  end subroutine run_factors
 
   subroutine solve_some()
     real(wp), allocatable :: matrix(:, :), factors(:, :), x(:), right(:)

@@ -28,6 +28,12 @@ MORE = {
 &load on='x1' amplitude=0.8 /
 &steady_motion nu=0.9 n_periods=2 coordinates='x2' /
 """,
+    "trace_motion": """&system coordinates='x' 'y' mass=1 2 stiffness=2 -1 -1 2
+  damping=0.1 0 0 0.1 /
+&force on='x' law='9*max(x - 0.2, 0)' /
+&load on='x' amplitude=0.3 /
+&trace_motion nu_from=0.7 nu_to=0.8 max_step=0.2 coordinates='x' /
+""",
     "linear_branch": "&system coordinates='x' mass=1 stiffness=1 damping=0.1 /\n"
     "&load amplitude=0.3 /\n&branch nu_from=0.5 nu_to=2 /\n",
     "corners": "&system coordinates='x' mass=1 stiffness=1 damping=0.1 /\n"

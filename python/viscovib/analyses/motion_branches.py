@@ -1,13 +1,10 @@
-"""Branches of periodic motions in time: pseudo-arclength continuation of the map of a period.
-
-`motion_path` contains the continuation, `motion_crossings` the bifurcation points.
-"""
+"""Branches of periodic motions in time, by the continuation of the core."""
 
 from __future__ import annotations
 
 import warnings
 from functools import partial
-from itertools import pairwise
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -16,17 +13,8 @@ from viscovib import _native
 from viscovib._native import FloatArray
 from viscovib.analyses.accuracy import Accuracy
 from viscovib.analyses.following import _Way
-from viscovib.analyses.motion_crossings import errors_of, events
-from viscovib.analyses.motion_errors import (
-    Refined,
-    judged,
-    motion_of,
-    repeats_after,
-    weights_of,
-)
-from viscovib.analyses.motion_path import MotionPath, MotionPoint
 from viscovib.analyses.period_map import PeriodMap, check_mapped
-from viscovib.analyses.shooting import MOST_PERIODS, search
+from viscovib.analyses.shooting import MOST_PERIODS, SEARCHES, STABLE, begin_of
 from viscovib.common.counts import things
 from viscovib.errors import ConvergenceWarning, InputError, caller
 from viscovib.results.curves import Crossing
@@ -36,14 +24,11 @@ from viscovib.systems.load import LoadLike
 from viscovib.systems.polynomial_system import PolynomialSystem
 from viscovib.systems.structure import Structure
 
-#: Steps along the branch: the first, the longest and the shortest, in units of z.
-_FIRST_STEP, _SHORTEST = 0.005, 1e-9
-#: Steps so short may be at a corner.
-_CORNER = 1e-7
-#: Cosine of the angle between two tangents: shorter steps below, longer ones above.
-_BENT, _STRAIGHT = 0.97, 0.998
-#: Iterations after which steps may become longer.
-_EASY = 4
+#: How a branch ends, and kinds of events, by the numbers of the core.
+_OUTCOMES = ("completed", "stuck", "points", "stopped", "without start", "singular")
+_EVENTS = ("", "fold", "branch point", "period doubling", "Neimark-Sacker", "grazing")
+#: States of a motion over its period at least.
+_SHOWN = 256
 
 
 def trace_motion(
@@ -125,52 +110,47 @@ def trace_motion(
         raise InputError(f"max_step = {longest:g}: must be 1e-6 to 0.5")
     most = _native.integer("max_points", max_points, 2, 100_000)
     mapping = PeriodMap.checked(system, load, way.fixed, periods, method)
-    path = MotionPath(mapping, way, 0, 1.0, 1.0)
-    begun = search(system, path.at(way.start), initial, wanted)
-    if begun["outcome"] != 0:
+    along = {}
+    if way.numbers is not None:
+        mapping = mapping.with_numbers(way.numbers.at(way.start))
+        along = {"flat": way.numbers.rest, "direction": way.numbers.direction}
+    begin = begin_of(system, mapping, initial)
+    found = _native.apart(
+        lambda: _native.run(
+            "motion branch", mapping.system_in_core, **mapping.given, **along, **begin,
+            varies=way.varies if way.numbers is None else "numbers", start=way.start,
+            finish=way.finish, max_step=longest, max_points=most, absolute=wanted.absolute,
+            relative=wanted.relative,
+        )
+    )  # fmt: skip
+    outcome = _OUTCOMES[found["ended"]]
+    if outcome == "without start":
         raise InputError(
             f"{way.argument}: no motion was found at its beginning {way.start:g} that repeats "
             f"after {periods} of its load's periods: give another initial, or begin elsewhere"
         )
-    state = begun["begin"]
-    weighed = np.abs(weights_of(mapping) * state).max(initial=0.0)
-    path = MotionPath(
-        mapping, way, begun["n_steps"], float(weighed) or 1.0, _allowed_of(wanted, mapping, state)
-    )
-    points, outcome = _follow(path, state, longest, most)
-    if not points:
+    if outcome == "singular":
         raise InputError(
             f"{way.argument}: the motion at its beginning {way.start:g} cannot be followed: others "
             "are next to it there, as where friction holds a mass for good, or at a fold: begin "
             "elsewhere"
         )
-    branch = _branch(system, path, points, outcome, periods)
-    _warn_of_doubts(branch, path, points, wanted)
+    branch = _branch(system, mapping, way, found)
+    _warn_of_doubts(branch, found, wanted)
     return branch
 
 
-def _allowed_of(wanted: Accuracy, mapping: PeriodMap, state: FloatArray) -> float:
-    """Error allowed, velocities divided by the frequency of the load."""
-    size = float(np.abs(weights_of(mapping) * state).max(initial=0.0))
-    return wanted.absolute + wanted.relative * size
-
-
-def _warn_of_doubts(
-    branch: MotionBranch, path: MotionPath, points: list[MotionPoint], wanted: Accuracy
-) -> None:
-    """Tell why a branch ends early, what is not located, and where errors are above the wanted."""
-    at, told = path.way.varies, []
+def _warn_of_doubts(branch: MotionBranch, found: dict[str, Any], wanted: Accuracy) -> None:
+    """Warn if a branch ends early, of events without a location, and of large errors."""
+    at, told = branch.varies, []
     if branch.outcome == "stuck":
         told.append(
             f"the branch ends at {at} = {branch.parameter[-1]:.9g}: no step leads on"
-            + path.switches_ahead(points[-1])
+            + found["reason"]
         )
     if branch._lost:
         told.append(f"{things(branch._lost, 'place')} on the way could not be located (nan, None)")
-    allowed = [
-        _allowed_of(wanted, path.mapping, point.z[:-1] * path.units[:-1]) for point in points
-    ]
-    above = np.flatnonzero(~(branch.error <= allowed))
+    above = np.flatnonzero(~(branch.error <= found["allowed"]))
     if above.size:
         worst = int(above[np.nan_to_num(branch.error[above], nan=np.inf).argmax()])
         told.append(
@@ -182,129 +162,83 @@ def _warn_of_doubts(
         warnings.warn(f"trace_motion: {sentence}", ConvergenceWarning, stacklevel=caller())
 
 
-def _follow(
-    path: MotionPath, state: FloatArray, longest: float, most: int
-) -> tuple[list[MotionPoint], str]:
-    """Points from the beginning of the range to its end."""
-    way, units = path.way, path.units
-    ahead = 1.0 if way.finish > way.start else -1.0
-    across = np.eye(state.size + 1)[-1]
-    first = path.correct(np.append(state, way.start) / units, across)
-    if first is None:
-        return [], "stuck"
-    points = [first._replace(tangent=first.tangent * ahead * np.sign(first.tangent[-1]))]
-    step = min(_FIRST_STEP, longest)
-    end = way.finish / units[-1]
-    at_corner: MotionPoint | None = None
-    while len(points) < most:
-        here = points[-1]
-        new = path.correct(here.z + step * here.tangent, here.tangent)
-        cosine = -1.0 if new is None else _cosine(here, new)
-        # Another part of the branch, that runs the other way, is no branch point.
-        if new is not None and here.turn_of_way != new.turn_of_way:
-            new = new if step <= _FIRST_STEP and new.passed == here.passed else None
-        # Near a kink the tangent turns for any step size.
-        if new is None or (cosine < _BENT and step > 1e3 * _SHORTEST):
-            step *= 0.5
-            if step < _CORNER and here is not at_corner:
-                at_corner = here
-                new = path.round_corner(here)
-                if new is not None:
-                    points.append(new)
-                    step = _CORNER
-            if step < _SHORTEST:
-                return points, "stuck"
-            continue
-        if ahead * (new.z[-1] - end) >= 0:
-            last = path.correct(
-                here.z + (new.z - here.z) * (end - here.z[-1]) / (new.z[-1] - here.z[-1]), across
-            )
-            if last is None:
-                return points, "stuck"
-            if last.tangent @ here.tangent < 0:
-                last = last._replace(tangent=-last.tangent)
-            last.z[-1] = end
-            return [*points, last], "completed"
-        if ahead * (new.z[-1] - way.start / units[-1]) < 0:
-            return points, "completed"
-        points.append(new)
-        # Where motions are larger than at the beginning, steps are as much longer.
-        if cosine > _STRAIGHT and new.turns <= _EASY:
-            step = min(1.6 * step, longest * max(1.0, float(np.abs(new.z[:-1]).max())))
-    return points, "points"
-
-
-def _cosine(one: MotionPoint, other: MotionPoint) -> float:
-    """Of the largest angle between the tangents of two points and the way from one to the other."""
-    chord = other.z - one.z
-    chord = chord / np.linalg.norm(chord)
-    return float(min(one.tangent @ other.tangent, one.tangent @ chord, other.tangent @ chord))
-
-
 def _branch(
-    system: PolynomialSystem | Structure,
-    path: MotionPath,
-    points: list[MotionPoint],
-    outcome: str,
-    n_periods: int,
+    system: PolynomialSystem | Structure, mapping: PeriodMap, way: _Way, found: dict[str, Any]
 ) -> MotionBranch:
-    """Make the result: errors by another number of steps, crossings, extremes."""
-    n, units = 2 * path.mapping.n_dof, path.units
-    values = np.array([point.z[-1] * units[-1] for point in points])
-    refined: list[Refined] = []
-    lows, highs, sooner = [], [], []
-    for point, p in zip(points, values, strict=True):
-        mapping, state = path.at(float(p)), point.z[:-1] * units[:-1]
-        one = judged(mapping, state, path.steps, point.correction * path.size)
-        refined.append(one)
-        sooner.append(repeats_after(mapping, one))
-        low, high = path.reach(point)
-        lows.append(low)
-        highs.append(high)
-    folds, grazings, crossings, marks = [], [], [], []
-    fold_errors, grazing_errors = [], []
-    for i, (before, behind) in enumerate(pairwise(points)):
-        blur = max(one.multiplier_error for one in refined[i : i + 2])
-        sure = None not in (refined[i].stable, refined[i + 1].stable)
-        found = events(path, before, behind, blur)
-        for event, off in zip(found, errors_of(path, before, behind, blur, found), strict=True):
-            place = None if event.point is None else float(event.point.z[-1] * units[-1])
-            error = float(off * units[-1])
-            if event.point is not None and place is not None:
-                marks.append((event.kind, place, path.reach(event.point)[1]))
-            if event.kind == "fold":
-                folds.append(np.nan if place is None else place)
-                fold_errors.append(error)
-            if event.kind == "grazing":
-                grazings.append(np.nan if place is None else place)
-                grazing_errors.append(error)
-            else:
-                told = None if place is None else error
-                crossings.append(Crossing(event.kind, i, place, sure=sure, error=told))
-    makers = [
-        partial(motion_of, system, path.at(float(p)), one)
-        for p, one in zip(values, refined, strict=True)
-    ]
+    """Give what the core found its names."""
+    p, places, kinds = found["p"], found["place"], [_EVENTS[kind] for kind in found["kind"]]
+
+    def of(kind: str, values: FloatArray) -> FloatArray:
+        return values[[one == kind for one in kinds]]
+
+    crossings = []
+    for i, kind in enumerate(kinds):
+        if kind == "grazing":
+            continue
+        located = not np.isnan(places[i])
+        crossings.append(
+            Crossing(
+                kind, int(found["before"][i]) - 1, float(places[i]) if located else None,
+                sure=bool(found["sure"][i]),
+                error=float(found["place_error"][i]) if located else None,
+            )
+        )  # fmt: skip
+    marks = tuple(
+        (kind, place, largest)
+        for kind, place, largest in zip(kinds, places.tolist(), found["largest"].T, strict=True)
+        if not np.isnan(place)
+    )
     return MotionBranch(
-        varies=path.way.varies,
-        parameter=values,
-        nu=path.way.nu(values),
-        state=np.array([one.found.state[:n] for one in refined]).reshape(-1, n),
-        smallest=np.array(lows),
-        largest=np.array(highs),
-        multipliers=np.array([one.multipliers for one in refined]),
-        stable=np.array([one.stable for one in refined], dtype=object),
-        passages=np.array([point.passed for point in points], dtype=np.int64),
-        error=np.array([one.error for one in refined]),
-        folds=np.array(folds),
-        fold_errors=np.array(fold_errors),
-        grazings=np.array(grazings),
-        grazing_errors=np.array(grazing_errors),
+        varies=way.varies,
+        parameter=p,
+        nu=way.nu(p),
+        state=found["begin"][: 2 * mapping.n_dof].T,
+        smallest=found["low"].T,
+        largest=found["high"].T,
+        multipliers=found["multipliers"].T,
+        stable=np.array([STABLE[code] for code in found["stable"].tolist()], dtype=object),
+        passages=found["n_passed"].astype(np.int64),
+        error=found["error"],
+        folds=of("fold", places),
+        fold_errors=of("fold", found["place_error"]),
+        grazings=of("grazing", places),
+        grazing_errors=of("grazing", found["place_error"]),
         crossings=tuple(crossings),
-        outcome=outcome,
-        n_periods=n_periods,
+        outcome=_OUTCOMES[found["ended"]],
+        n_periods=mapping.n_periods,
         system=system,
-        repeats_after=np.array(sooner, dtype=np.int64),
-        _marks=tuple(marks),
-        _points=tuple(makers),
+        repeats_after=found["repeats_after"].astype(np.int64),
+        _marks=marks,
+        _points=tuple(
+            partial(_motion, system, mapping.along(way, float(p[i])), found, i)
+            for i in range(p.size)
+        ),
+    )
+
+
+def _motion(
+    system: PolynomialSystem | Structure, mapping: PeriodMap, found: dict[str, Any], i: int
+) -> SteadyMotion:
+    """Compute the motion at a point over its period."""
+    steps, begin = int(found["n_steps"][i]), found["begin"][:, i]
+    t = np.linspace(0.0, mapping.period, -(-_SHOWN // steps) * steps + 1)
+    states = mapping.run(begin, steps, times=t, derivatives=False).at_times
+    return SteadyMotion(
+        nu=mapping.nu,
+        n_periods=mapping.n_periods,
+        repeats_after=int(found["repeats_after"][i]),
+        t=t[: len(states)],
+        state=states,
+        remembered=begin[2 * mapping.n_dof :].copy(),
+        multipliers=found["multipliers"][:, i],
+        stable=STABLE[int(found["stable"][i])],
+        error=float(found["error"][i]),
+        multiplier_error=float(found["multiplier_error"][i]),
+        outcome=SEARCHES[int(found["outcome"][i])],
+        iterations=0,
+        passages=int(found["n_passed"][i]),
+        step=mapping.period / steps,
+        method=mapping.method,
+        system=system,
+        _map=mapping,
     )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, NamedTuple
 
@@ -12,6 +12,7 @@ import numpy.typing as npt
 
 from viscovib import _native
 from viscovib._native import ComplexArray, FloatArray
+from viscovib.analyses.following import _Way
 from viscovib.analyses.memoryless import MAX_DOF, METHODS
 from viscovib.analyses.runs import nothing
 from viscovib.analyses.whole_structure import check_whole
@@ -114,6 +115,28 @@ class PeriodMap:
             "orders": self.orders, "series": self.series, "nu": self.nu,
             "n_periods": self.n_periods, "method": METHODS[self.method],
         }  # fmt: skip
+
+    def with_numbers(self, flat: FloatArray) -> PeriodMap:
+        """Return the map of a system of other numbers."""
+        return replace(self, flat=flat)
+
+    def along(self, way: _Way, p: float) -> PeriodMap:
+        """Return the map at a value of the parameter that varies."""
+        if way.numbers is not None:
+            return self.with_numbers(way.numbers.at(p))
+        if way.varies == "nu":
+            return replace(self, nu=p)
+        return replace(self, series=self.series * p)
+
+    def extremes(self, begin: FloatArray, steps: int, times: FloatArray, tolerance: float) -> Any:
+        """Return the smallest and largest displacements of the motion from a state."""
+        found = _native.apart(
+            lambda: _native.run(
+                "motion extremes", self.system_in_core, **self.given, begin=begin, n_steps=steps,
+                times=times, tolerance=tolerance,
+            )
+        )  # fmt: skip
+        return found["low"], found["high"]
 
     def run(
         self,

@@ -23,7 +23,7 @@ from viscovib.systems.structure import Structure
 
 MOST_PERIODS = 64
 #: How a search ends, by the number of the core.
-_OUTCOMES = ("converged", "stalled", "diverged")
+SEARCHES = ("converged", "stalled", "diverged", "singular", "overflow", "stopped")
 #: Whether a motion is stable, by the number of the core.
 STABLE = {1: True, 0: False, -1: None}
 
@@ -171,7 +171,7 @@ def _motion(
         stable=STABLE[found["stable"]],
         error=found["error"],
         multiplier_error=found["multiplier_error"],
-        outcome=_OUTCOMES[found["outcome"]],
+        outcome=SEARCHES[found["outcome"]],
         iterations=found["iterations"],
         passages=found["n_passed"],
         step=mapping.period / found["n_steps"],

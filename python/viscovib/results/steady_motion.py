@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -12,7 +13,6 @@ from viscovib import _native
 from viscovib._native import ComplexArray, FloatArray
 from viscovib.common.counts import things
 from viscovib.common.results import Number, Panel, Result, named
-from viscovib.common.turns import extremes_of
 from viscovib.errors import InputError
 
 if TYPE_CHECKING:
@@ -137,10 +137,16 @@ class SteadyMotion(Result):
 
         Zeros of the velocity between the times ``t`` are located by steps of the integrator.
         """
-        d = self._place(name)
-        own = self.state[:, 2 * d : 2 * d + 2]
-        low, high = extremes_of(self.t, own, lambda t: self(t)[:, 2 * d : 2 * d + 2], _LEFT)
-        return float(low[0]), float(high[0])
+        d, (low, high) = self._place(name), self._extremes
+        return float(low[d]), float(high[d])
+
+    @cached_property
+    def _extremes(self) -> tuple[FloatArray, FloatArray]:
+        """Smallest and largest displacements of all coordinates."""
+        start = np.concatenate([self.state[0], self.remembered])
+        steps = round(self.period / self.step)
+        found: tuple[FloatArray, FloatArray] = self._map.extremes(start, steps, self.t, _LEFT)
+        return found
 
     def _headline(self) -> str:
         words = {True: "stable", False: "unstable", None: "stability unknown"}[self.stable]
