@@ -71,7 +71,7 @@ contains
     end if
     call find_poles(q, moving, sizes, for_each*count, poles)
     call find_shares(q, poles, shares, decay%residual, sizes)
-    roots = log(poles)/step
+    allocate (roots, source=log(poles)/step)
     where (abs(aimag(poles)) <= 0.0_wp .and. real(poles) < 0.0_wp)
       roots = cmplx(log(abs(poles)), pi, wp)/step
     end where

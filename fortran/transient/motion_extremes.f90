@@ -42,7 +42,7 @@ contains
     logical, allocatable :: same(:), open(:)
     integer :: i, turn
 
-    t = times
+    allocate (t, source=times)
     call motion%states(t, states)
     low = minval(states(1::2, :), 2)
     high = maxval(states(1::2, :), 2)
