@@ -260,7 +260,7 @@ contains
 
     n = size(guess) - 1
     allocate (point%z, source=guess)
-    before = huge(before)
+    before = 0.25_wp*huge(before)
     distance = difference
     do turn = 1, max_iterations
       ! So near to the end the derivative by the parameter no longer changes.
