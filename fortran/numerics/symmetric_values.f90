@@ -4,14 +4,11 @@
 !! (Golub and Van Loan, Matrix Computations, 4th ed., 8.3).
 module viscovib_symmetric_values
   use viscovib_kinds, only: wp
-  use viscovib_sorting, only: sort_reals
+  use viscovib_quadrature, only: nodes_of_recurrence
   implicit none
   private
 
   public :: symmetric_values
-
-  !> Steps for each eigenvalue at most.
-  integer, parameter :: max_steps = 60
 
 contains
 
@@ -20,7 +17,8 @@ contains
     !> Shape (n, n); the lower triangle is read.
     real(wp), intent(in) :: matrix(:, :)
     real(wp), intent(out) :: values(:)
-    real(wp) :: a(size(values), size(values)), off(size(values)), middle, apart
+    real(wp) :: a(size(values), size(values)), middle, apart
+    real(wp), dimension(size(values)) :: diagonal, off, weights
     integer :: n
 
     n = size(values)
@@ -38,9 +36,8 @@ contains
       if (values(1) > values(2)) values = values(2:1:-1)
     else
       a = matrix
-      call to_tridiagonal(n, a, values, off)
-      call iterate(n, values, off)
-      call sort_reals(values)
+      call to_tridiagonal(n, a, diagonal, off)
+      call nodes_of_recurrence(n, diagonal, off, values, weights)
     end if
   end subroutine symmetric_values
 
@@ -81,49 +78,5 @@ contains
       diagonal(k) = a(k, k)
     end do
   end subroutine to_tridiagonal
-
-  pure subroutine iterate(n, d, e)
-    integer, intent(in) :: n
-    real(wp), intent(inout) :: d(n), e(n)
-    real(wp) :: b, c, f, g, p, r, s
-    integer :: i, l, m, step
-
-    do l = 1, n
-      do step = 1, max_steps
-        do m = l, n - 1
-          if (abs(e(m)) <= epsilon(1.0_wp)*(abs(d(m)) + abs(d(m + 1)))) exit
-        end do
-        if (m == l) exit
-        g = (d(l + 1) - d(l))/(2.0_wp*e(l))
-        r = hypot(g, 1.0_wp)
-        g = d(m) - d(l) + e(l)/(g + sign(r, g))
-        s = 1.0_wp
-        c = 1.0_wp
-        p = 0.0_wp
-        do i = m - 1, l, -1
-          f = s*e(i)
-          b = c*e(i)
-          r = hypot(f, g)
-          e(i + 1) = r
-          if (.not. r > 0.0_wp) exit
-          s = f/r
-          c = g/r
-          g = d(i + 1) - p
-          r = (d(i) - g)*s + 2.0_wp*c*b
-          p = s*r
-          d(i + 1) = g + p
-          g = c*r - b
-        end do
-        if (i >= l) then
-          ! A vanishing rotation splits the matrix.
-          d(i + 1) = d(i + 1) - p
-        else
-          d(l) = d(l) - p
-          e(l) = g
-        end if
-        e(m) = 0.0_wp
-      end do
-    end do
-  end subroutine iterate
 
 end module viscovib_symmetric_values

@@ -142,23 +142,24 @@ def trace_motion(
 
 def _warn_of_doubts(branch: MotionBranch, found: dict[str, Any], wanted: Accuracy) -> None:
     """Warn if a branch ends early, of events without a location, and of large errors."""
-    at, told = branch.varies, []
+    at, doubts = branch.varies, []
     if branch.outcome == "stuck":
-        told.append(
+        doubts.append(
             f"the branch ends at {at} = {branch.parameter[-1]:.9g}: no step leads on"
             + found["reason"]
         )
     if branch._lost:
-        told.append(f"{things(branch._lost, 'place')} on the way could not be located (nan, None)")
+        places = things(branch._lost, "place")
+        doubts.append(f"{places} on the way could not be located (nan, None)")
     above = np.flatnonzero(~(branch.error <= found["allowed"]))
     if above.size:
         worst = int(above[np.nan_to_num(branch.error[above], nan=np.inf).argmax()])
-        told.append(
+        doubts.append(
             f"the error is above {wanted} at {things(above.size, 'point')}, most "
             f"({branch.error[worst]:.1e}) at {at} = {branch.parameter[worst]:.9g}: steps are those "
             "of the beginning of the branch: give a smaller tolerance, or begin there"
         )
-    for sentence in told:
+    for sentence in doubts:
         warnings.warn(f"trace_motion: {sentence}", ConvergenceWarning, stacklevel=caller())
 
 

@@ -218,8 +218,8 @@ def _by_core(scene: Scene, planned: Plan) -> SceneResult:
         first, *more = run_tables(scene, [many, f"{many}_1"], planned)
         return SceneResult(scene, first, switched=tuple(replace(x, kind=many) for x in more))
     first, *others = run_tables(scene, kinds, planned)
-    beside = {table.kind: table for table in others}
-    spectra, passages, decay = map(beside.get, _FURTHER)
+    further = {table.kind: table for table in others}
+    spectra, passages, decay = map(further.get, _FURTHER)
     return SceneResult(scene, first, spectra, passages, decay=decay)
 
 
