@@ -21,7 +21,7 @@ module viscovib_memory_pieces
 
   public :: make_base, memory_equations, oscillator_equations, structure_equations
 
-  !> What both have.
+  !> The data that both kinds of equations have.
   type, abstract, extends(motion_equations) :: memory_equations
     !> Nodes a step; the end of any run that goes on.
     integer :: nodes = 8

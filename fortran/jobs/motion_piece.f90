@@ -19,13 +19,13 @@ module viscovib_motion_piece
   ! Of a run that is to keep no states at given times, or goes on without a memory of its own.
   real(wp), target, public :: nothing(0)
 
-  !> The start of a run and its steps, and what is found.
+  !> The start of a run, its steps, and its results.
   type :: piece_type
     !> Steps made before, steps to make, and steps between states that are kept.
     integer(i8) :: first = 0, n_steps = 0, save_every = 1
     integer :: resume = from_start
     real(wp) :: h = 0.0_wp, tolerance = 0.0_wp
-    !> By what the steps of a mesh are shorter than given; the sign of a shake (`shaken`), 0: none.
+    !> The factor by which steps of a mesh are shorter; the sign of a perturbation, 0: none.
     integer :: factor = 1, sign = 0
     !> Whether steps are made in parts that see thin layers of forces, and how thin one may be for
     !! a part.
@@ -88,7 +88,7 @@ module viscovib_motion_piece
 
 contains
 
-  !> Take what a search for the step needs of the system.
+  !> Set the properties of the system that a search for the step needs.
   subroutine look_at(self, system)
     class(motion_equations), intent(inout) :: self
     class(oscillator_type), intent(in), target :: system
@@ -107,7 +107,7 @@ contains
     end select
   end subroutine look_at
 
-  !> Room for what it finds, of so many states.
+  !> Allocate the results, for this number of states.
   subroutine make_room(self, columns)
     class(piece_type), intent(inout) :: self
     integer, intent(in) :: columns
@@ -146,7 +146,7 @@ contains
     call fail(status, status_input_error, 'memory', 'memory: is not that of such a run')
   end subroutine check_memory
 
-  !> What a run needs to go on under other loads: zeros for what was not kept before.
+  !> The memory of a run that continues under other loads; the numbers not kept before are zero.
   function memory_under_other_loads(piece, needed) result(memory)
     type(piece_type), intent(in) :: piece
     integer, intent(in) :: needed

@@ -21,7 +21,7 @@ module viscovib_piece_runs
   !> Relative error to which equations are solved at best.
   real(wp), parameter :: rounding = 1.0e-15_wp
 
-  !> What all runs of a search share: what one of them has met.
+  !> Findings of one run that all runs of a search use.
   type :: shared_type
     logical :: in_parts = .false.
     real(wp) :: longest = 0.0_wp
@@ -299,7 +299,7 @@ contains
     end if
   end subroutine times_of
 
-  !> What a run leaves, from its only or last piece.
+  !> Copy the results of the only or last piece of a run.
   subroutine take(self, course, trajectory)
     class(piece_runs), intent(in) :: self
     type(course_type), intent(inout), target :: course
