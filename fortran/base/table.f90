@@ -47,6 +47,7 @@ module viscovib_table
     procedure :: name
     procedure :: all_notes
     procedure :: numbers
+    procedure :: is_whole
     procedure :: n_words
     procedure :: word
     procedure, private :: grow
@@ -192,6 +193,13 @@ contains
       end if
     end associate
   end function numbers
+
+  !> Whether the values of column j are integers.
+  pure logical function is_whole(self, j)
+    class(table_type), intent(in) :: self
+    integer, intent(in) :: j
+    is_whole = associated(self%columns(j)%integers) .or. allocated(self%columns(j)%codes)
+  end function is_whole
 
   !> How many words column j has, for 0, 1, ...; 0: it has numbers.
   pure integer function n_words(self, j)

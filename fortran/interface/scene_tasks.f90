@@ -1,15 +1,31 @@
 !> Tasks about scenes.
 module viscovib_scene_tasks
   use viscovib_grids, only: linear_grid, log_grid
+  use viscovib_job, only: job_report, table_sink
   use viscovib_kinds, only: i8, wp
-  use viscovib_run_scene, only: plan_scene, run_scene, scene_report
+  use viscovib_named_values, only: named_values
+  use viscovib_run_scene, only: compute_scene, plan_scene
   use viscovib_scene, only: read_scene, scene_type
+  use viscovib_status, only: set_ok, show, status_type
+  use viscovib_table, only: table_type
   use viscovib_task, only: task_type
-  use viscovib_version, only: version
   implicit none
   private
 
   public :: scene_task
+
+  character(len=*), parameter :: nl = new_line('a')
+
+  !> Tables as named values: of table i, from 1, "name_i", "notes_i", "columns_i" (their names, a
+  !! line each), "values_i" (rows, columns), "whole_i" (whether the values of a column are
+  !! integers) and "words_i" (those of 0, 1, ... in each column, a line for each word after its
+  !! column, from 1).
+  type, extends(table_sink) :: values_sink
+    type(named_values), pointer :: found => null()
+    integer :: n = 0
+  contains
+    procedure :: put => put_values
+  end type values_sink
 
 contains
 
@@ -67,20 +83,53 @@ contains
     if (.not. task%failed()) call task%found%put_text('plan', lines)
   end subroutine plan_one
 
-  !> Write the tables of a scene into a `folder`: `summary`, and `complete`, 1 if nothing is
-  !! missing.
+  !> What a scene asks for: its tables (see `values_sink`), `summary`, and `complete`, 1 if nothing
+  !! is missing.
   subroutine run_one(task)
-    type(task_type), intent(inout) :: task
+    type(task_type), intent(inout), target :: task
     type(scene_type) :: scene
-    type(scene_report) :: report
-    character(len=:), allocatable :: folder
+    type(job_report) :: report
+    type(values_sink) :: sink
+
     call read_one(task, scene)
-    call task%take_text('folder', folder)
-    if (.not. task%failed()) call run_scene(scene, folder, version, report, task%status)
+    if (task%failed()) return
+    sink%found => task%found
+    call compute_scene(scene, sink, report, task%status)
     if (task%failed()) return
     call task%found%put_text('summary', report%summary)
     call task%found%put_integer('complete', merge(1_i8, 0_i8, report%complete))
+    call task%found%put_integer('n_tables', int(sink%n, i8))
   end subroutine run_one
+
+  subroutine put_values(self, name, table, status)
+    class(values_sink), intent(inout) :: self
+    character(len=*), intent(in) :: name
+    type(table_type), intent(in) :: table
+    type(status_type), intent(out) :: status
+    real(wp) :: values(table%n_rows(), table%n_columns())
+    integer :: whole(table%n_columns()), i, j
+    character(len=:), allocatable :: columns, words, place
+
+    call set_ok(status)
+    columns = ''
+    words = ''
+    do j = 1, size(whole)
+      columns = columns//table%name(j)//nl
+      values(:, j) = table%numbers(j)
+      whole(j) = merge(1, 0, table%is_whole(j))
+      do i = 0, table%n_words(j) - 1
+        words = words//show(j)//' '//table%word(j, i)//nl
+      end do
+    end do
+    self%n = self%n + 1
+    place = '_'//show(self%n)
+    call self%found%put_text('name'//place, name)
+    call self%found%put_text('notes'//place, table%all_notes())
+    call self%found%put_text('columns'//place, columns)
+    call self%found%put_text('words'//place, words)
+    call self%found%put_reals('values'//place, values, shape(values))
+    call self%found%put_integers('whole'//place, whole, shape(whole))
+  end subroutine put_values
 
   !> `values` (n) with equal steps, or equal factors if `logarithmic`, from `first` to `last`.
   subroutine make_grid(task)

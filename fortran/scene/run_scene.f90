@@ -11,7 +11,7 @@ module viscovib_run_scene
   implicit none
   private
 
-  public :: scene_report, plan_scene, run_scene
+  public :: scene_report, compute_scene, plan_scene, run_scene
 
   type, extends(job_report) :: scene_report
     !> The first table written, which bears the name of what was asked for.
@@ -82,12 +82,21 @@ contains
     sink%stem = stem(scene%path)
     sink%header = 'viscovib '//version//', scene '//scene%path//new_line('a')//scene%title &
                   //new_line('a')//plan
-    call scene%job%run(scene%subject, sink, report%job_report, status)
+    call compute_scene(scene, sink, report%job_report, status)
     report%path = folder//'/'//sink%stem//'_'//scene%job%kind()//'.csv'
+  end subroutine run_scene
+
+  !> Compute what is wanted and give its tables to a sink.
+  subroutine compute_scene(scene, sink, report, status)
+    type(scene_type), intent(in), target :: scene
+    class(table_sink), intent(inout) :: sink
+    type(job_report), intent(out) :: report
+    type(status_type), intent(out) :: status
+    call scene%job%run(scene%subject, sink, report, status)
     if (status%failed() .and. status%category == status_input_error) then
       status%message = place(scene, status%subject)//status%message
     end if
-  end subroutine run_scene
+  end subroutine compute_scene
 
   subroutine put(self, name, table, status)
     class(folder_sink), intent(inout) :: self

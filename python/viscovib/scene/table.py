@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-import csv
 import os
-from collections.abc import Sequence
+from collections import defaultdict
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from importlib.metadata import version
-from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -96,51 +93,39 @@ class TableResult(Result):
 
 
 def run_tables(scene: Scene, kinds: Sequence[str], plan: Plan) -> list[TableResult]:
-    """Let the core do what a scene asks for, as the standalone driver does, and read its tables.
+    """Let the core do what a scene asks for, as the standalone driver does.
 
-    ``kinds``: their names, as in those of the files.
+    ``kinds``: names of the tables, as in those of files of the driver.
     """
-    with TemporaryDirectory(prefix="viscovib") as folder:
-        given = {"path": os.fsencode(scene.path), "text": scene.canonical.encode()}
-        found = _native.interruptible(
-            lambda: _native.run("scene run", **given, folder=os.fsencode(folder))
+    given = {"path": os.fsencode(scene.path), "text": scene.canonical.encode()}
+    found = _native.interruptible(lambda: _native.run("scene run", **given))
+    complete, told = bool(found["complete"]), found["summary"]
+    tables = {found[f"name_{i}"]: i for i in range(1, found["n_tables"] + 1)}
+    return [
+        TableResult(
+            kind=kind,
+            columns=_columns(found, tables[kind]),
+            notes=tuple(found[f"notes_{tables[kind]}"].splitlines()),
+            plan=plan,
+            complete=complete,
+            _told=told,
         )
-        complete, told = bool(found["complete"]), found["summary"]
-        return [
-            _read(scene, kind, Path(folder), plan, complete=complete, told=told)
-            for kind in kinds
-            if complete or _path(scene, kind, Path(folder)).exists()
-        ]
+        for kind in kinds
+        if complete or kind in tables
+    ]
 
 
-def _path(scene: Scene, kind: str, folder: Path) -> Path:
-    return folder / f"{scene.path.stem}_{kind}.csv"
-
-
-def _read(
-    scene: Scene, kind: str, folder: Path, plan: Plan, *, complete: bool, told: str
-) -> TableResult:
-    """One of the tables."""
-    lines = _path(scene, kind, folder).read_text("utf-8", "surrogateescape").splitlines()
-    notes = [line.removeprefix("# ") for line in lines if line.startswith("#")]
-    title = scene.groups.get("scene", {}).get("title", "")
-    known = {f"viscovib {version('viscovib')}, scene {scene.path}", title, *str(plan).splitlines()}
-    names, *rows = csv.reader(line for line in lines if not line.startswith("#"))
-    values = map(_numbers, zip(*rows, strict=True) if rows else [()] * len(names))
-    return TableResult(
-        kind=kind,
-        columns=dict(zip(names, values, strict=True)),
-        notes=tuple(note for note in notes if note not in known),
-        plan=plan,
-        complete=complete,
-        _told=told,
-    )
-
-
-def _numbers(cells: tuple[str, ...]) -> npt.NDArray[Any]:
-    """Cells of a column as numbers, or as the words they are."""
-    whole = all(cell.lstrip("-").isdigit() for cell in cells)
-    try:
-        return np.array(list(map(int, cells)) if whole else list(map(float, cells)))
-    except ValueError:
-        return np.array(cells)
+def _columns(found: Mapping[str, Any], i: int) -> dict[str, npt.NDArray[Any]]:
+    """The columns of table i: numbers, integers or words."""
+    words: dict[int, list[str]] = defaultdict(list)
+    for line in found[f"words_{i}"].splitlines():
+        column, word = line.split(" ", 1)
+        words[int(column) - 1].append(word)
+    names = found[f"columns_{i}"].splitlines()
+    columns = {}
+    for j, (name, whole) in enumerate(zip(names, found[f"whole_{i}"], strict=True)):
+        values = np.array(found[f"values_{i}"][:, j])
+        if whole:
+            values = values.astype(int)
+        columns[name] = np.array(words[j])[values] if j in words else values
+    return columns
