@@ -48,11 +48,11 @@ _FURTHER = ("spectrum", "event", "free_decay")
 class SceneResult:
     """The result of a scene.
 
-    It contains the response or branch of a mount; the motion of a pendulum with its spectra, or a
-    branch of its motions with the branches that bifurcate from it, ``switched``; free motions (for
-    a pendulum with further branches) or steady motions of either; or the table of a sweep. For a
-    structure or a body it contains a table: use `Scene.structure` and `Scene.body` for all other
-    functions of Python.
+    ``value`` is the result that the Python function of the analysis returns: a `Response`, a
+    `Branch`, a `Backbone`, a `Trajectory` with its ``spectrum`` and ``events``, or a
+    `ScalesResponse`; `switched` are the branches that bifurcate from it. Analyses without a result
+    class of their own, motions with &free_decay, and reduced structures (``shapes``) have a
+    `TableResult`, and a scene with &sweep has a Dataset.
 
     Examples
     --------
@@ -176,7 +176,7 @@ class SceneResult:
 def run_one(scene: Scene, *, progress: bool = False) -> SceneResult:
     """Compute what a scene without &sweep asks for."""
     planned = plan(scene)
-    if not scene.groups.keys().isdisjoint(("structure", "body", "free_decay")):
+    if "free_decay" in scene.groups or scene._shapes() is not None:
         return _by_core(scene, planned)
     if "multiple_scales" in scene.groups:
         return SceneResult(scene, replace(scene._steady(), plan=planned))
