@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import copy
 import math
 import os
 import warnings
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING, Any, TypeVar, cast
 
 import numpy as np
 
@@ -33,6 +34,8 @@ from viscovib.scene.table import TableResult, run_tables
 
 if TYPE_CHECKING:
     import xarray as xr
+
+_R = TypeVar("_R", bound=Result)
 
 #: Groups of a scene that ask for nothing.
 _SUBJECTS = (
@@ -193,14 +196,19 @@ def run_one(scene: Scene, *, progress: bool = False) -> SceneResult:
         return SceneResult(scene, first, switched=others)
     if "branch" in scene.groups:
         branch = trace_response(**scene._branch())
-        return SceneResult(scene, replace(branch, plan=planned, _asked=_asked(scene, "branch")))
+        return SceneResult(scene, _with(branch, plan=planned, _asked=_asked(scene, "branch")))
     if "response" not in scene.groups:
         return _by_core(scene, planned)
     response = forced_response(**scene._job(), progress=progress)
-    shown = replace(
-        response, _planned=partial(given_plan, planned), _asked=_asked(scene, "response")
-    )
+    shown = _with(response, _planned=partial(given_plan, planned), _asked=_asked(scene, "response"))
     return SceneResult(scene, shown)
+
+
+def _with(result: _R, **values: Any) -> _R:
+    """A copy with other values; what is computed when it is read (of structures) stays so."""
+    found = copy.copy(result)
+    vars(found).update(values)
+    return found
 
 
 def _asked(scene: Scene, name: str) -> tuple[str, ...]:
