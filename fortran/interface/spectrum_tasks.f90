@@ -6,6 +6,7 @@ module viscovib_spectrum_tasks
   use viscovib_free_decay, only: decay_type, find_free_decay
   use viscovib_kinds, only: i8, wp
   use viscovib_line_fit, only: line_residual, line_sums, lines_type, new_lines
+  use viscovib_shock_response, only: shock_response
   use viscovib_task, only: task_type
   use viscovib_windows, only: noise_bandwidth
   implicit none
@@ -33,6 +34,8 @@ contains
       call find_aliased(task)
     case ('decay')
       call find_decay(task)
+    case ('shock')
+      call find_shock_response(task)
     case default
       call task%refuse_kind()
     end select
@@ -159,5 +162,26 @@ contains
     call task%found%put_complexes('amplitudes', decay%amplitudes, shape(decay%amplitudes))
     call task%found%put_real('residual', decay%residual)
   end subroutine find_decay
+
+  !> Extremes of a `quantity` of oscillators of circular frequencies `omega` (m) and `damping` ratio
+  !! on a base of acceleration `record` (n), with `steps` (1 or n - 1): `extremes` (4, m).
+  subroutine find_shock_response(task)
+    type(task_type), intent(inout) :: task
+    real(wp), pointer, contiguous :: record(:), steps(:), omega(:)
+    real(wp), allocatable :: extremes(:, :)
+    real(wp) :: damping
+    integer :: quantity
+
+    record => task%get_reals('record')
+    steps => task%get_reals('steps')
+    omega => task%get_reals('omega')
+    damping = task%get_real('damping')
+    quantity = task%get_integer('quantity')
+    if (size(steps) /= 1) call task%check_extents('steps', shape(steps), shape(record) - 1)
+    if (task%failed()) return
+    allocate (extremes(4, size(omega)))
+    call shock_response(record, steps, omega, damping, quantity, extremes)
+    call task%found%put_reals('extremes', extremes, shape(extremes))
+  end subroutine find_shock_response
 
 end module viscovib_spectrum_tasks

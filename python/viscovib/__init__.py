@@ -22,6 +22,7 @@ _NAMES = {
     "analyses.multiple_scales": "MultipleScales",
     "analyses.periodic": "backbone trace_response",
     "analyses.shooting": "steady_motion",
+    "analyses.shock_spectra": "ShockResponseSpectrum shock_response_spectrum",
     "analyses.spectral": "Spectrum name_frequencies spectrum",
     "analyses.transient": "simulate",
     "bodies.body": "Body",
@@ -125,6 +126,10 @@ if TYPE_CHECKING:
     from viscovib.analyses.periodic import (
         backbone as backbone,
         trace_response as trace_response,
+    )
+    from viscovib.analyses.shock_spectra import (
+        ShockResponseSpectrum as ShockResponseSpectrum,
+        shock_response_spectrum as shock_response_spectrum,
     )
     from viscovib.analyses.shooting import steady_motion as steady_motion
     from viscovib.analyses.spectral import (

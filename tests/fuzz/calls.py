@@ -247,6 +247,7 @@ SOUND = (
     f"vv.backbone({FREE}, mode=1, energy_range=(1e-4, 1e-3), harmonics=3, max_points=20)",
     f"vv.plan_response(system={MOUNT}, nu=[1, 2], load=0.1)",
     f"vv.spectrum(signal={SIGNAL}, dt=0.1, window='hann')",
+    f"vv.shock_response_spectrum(record={SIGNAL}, frequencies=[0.1, 2], dt=0.1, damping=0.05)",
     f"vv.amplitudes_at(signal={SIGNAL}, dt=1, frequencies=[0.3])",
     f"vv.dominant_frequencies(signal={SIGNAL}, dt=1, count=1)",
     "vv.fourier_coefficients(samples=[0, 1, 0, -1], orders=1)",

@@ -51,6 +51,9 @@ RESULTS = {
     "ensemble": lambda: vv.simulate_ensemble(BODY, initial=np.full((3, 6), 0.01), t_end=5, dt=0.1),
     "ensemble with an estimate": lambda: vv.simulate_ensemble(DUFFING, initial=[[0.1, 0]], t_end=5),
     "spectrum": lambda: vv.spectrum(_driven_motion()),
+    "shock response spectrum": lambda: vv.shock_response_spectrum(
+        np.sin(np.arange(9)), [0.1, 0.2], dt=1
+    ),
     "lines": lambda: vv.dominant_frequencies(_driven_motion(), count=2, coordinate="z"),
     "steady motions": lambda: vv.MultipleScales(BODY, tolerance=0.05).response("p1", [0.9, 1.0]),
 }

@@ -19,6 +19,7 @@ FAMILIES = (
 _ARRAYS = "its own arrays, which test_results compares"
 _PICTURE = "a picture: numbers are those of the result it is given"
 _WHOLE = "tests/python/test_structure.py compares it with the whole system"
+_SHOCK = "tests/python/test_shock_spectra.py: exact solutions of 1000 random records"
 _MODES = "tests/python/test_modal_model.py compares it with the whole structure"
 NOTHING_TO_JUDGE = {
     "Kernel.plot": "a picture: tests/python/test_kernels.py reads its curves",
@@ -57,6 +58,14 @@ NOTHING_TO_JUDGE = {
     "ModalModel.start": _MODES,
     "LoadTable.half_sine": "tests/python/test_shocks.py: Duhamel's integral of each mode",
     "LoadTable.sawtooth": "tests/python/test_shocks.py: Duhamel's integral of each mode",
+    "shock_response_spectrum": _SHOCK,
+    "ShockResponseSpectrum": _SHOCK,
+    "ShockResponseSpectrum.primary": _SHOCK,
+    "ShockResponseSpectrum.residual": _SHOCK,
+    "ShockResponseSpectrum.positive": _SHOCK,
+    "ShockResponseSpectrum.negative": _SHOCK,
+    "ShockResponseSpectrum.maximax": _SHOCK,
+    "ShockResponseSpectrum.to_dataset": "its own arrays, which test_shock_spectra compares",
     "Explorer": "a page: numbers are those of the scene it shows",
     "Explorer.stop": "ends a server",
     "explore": "a page: numbers are those of the scene it shows",

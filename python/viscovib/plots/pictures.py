@@ -11,6 +11,7 @@ import numpy as np
 from viscovib.analyses.backbones import Backbone
 from viscovib.analyses.driven import DrivenResponse
 from viscovib.analyses.driven_branch import DrivenBranch
+from viscovib.analyses.shock_spectra import ShockResponseSpectrum
 from viscovib.analyses.spectral import Spectrum
 from viscovib.bodies.forces import MountForces
 from viscovib.common.files import whole_file
@@ -20,6 +21,7 @@ from viscovib.plots.axes import moving
 from viscovib.plots.bodies import plot_mount_forces
 from viscovib.plots.motions import motion_axes, plot_sections, plot_spectrum, plot_trajectory
 from viscovib.plots.scales import moving as moving_steadily, plot_modulation, plot_scales_response
+from viscovib.plots.shocks import plot_shock_spectrum
 from viscovib.plots.steady import plot_backbone, plot_branch, plot_motion_branch, plot_response
 from viscovib.plots.style import COLOURS, bare, plain
 from viscovib.results.branch import Branch
@@ -123,6 +125,10 @@ def _draw_spectrum(result: Spectrum, figure: "Figure", more: Drawn) -> None:
     plot_spectrum(result, figure.subplots(), bases=more.bases, highest=highest)
 
 
+def _draw_shock(result: ShockResponseSpectrum, figure: "Figure", _: Drawn) -> None:
+    plot_shock_spectrum(result, figure.subplots())
+
+
 def _table_size(result: TableResult) -> tuple[float, float]:
     return 7, 1.6 * (len(result.columns) - 1) + 1
 
@@ -166,6 +172,7 @@ _DRAWN: dict[type, tuple[Callable[..., Any], Callable[[Any], tuple[float, float]
     Trajectory: (_draw_trajectory, lambda r: (10, 2.4 * len(r.dof_names)), plot_trajectory),
     SteadyMotion: (_draw_trajectory, lambda r: (10, 2.4 * len(r.dof_names)), plot_trajectory),
     Spectrum: (_draw_spectrum, lambda _: (8, 4.5), plot_spectrum),
+    ShockResponseSpectrum: (_draw_shock, lambda _: (7, 5), plot_shock_spectrum),
     TableResult: (_draw_table, _table_size, _plot_table),
     ScalesResponse: (
         _draw_scales, lambda r: (7, 3 * len(moving_steadily(r))), plot_scales_response,

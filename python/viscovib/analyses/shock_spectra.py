@@ -1,0 +1,298 @@
+"""Shock response spectra of records of an acceleration."""
+
+from __future__ import annotations
+
+import math
+import warnings
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+import numpy.typing as npt
+
+from viscovib import _native, units
+from viscovib._native import FloatArray
+from viscovib.common.counts import things
+from viscovib.common.parameters import Number, Word
+from viscovib.common.results import Result, span
+from viscovib.errors import InputError, RangeWarning, caller
+from viscovib.results.trajectory import spacing
+from viscovib.systems.load_table import LoadTable
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+KINDS = ("absolute_acceleration", "relative_displacement", "pseudo_velocity")
+_KIND, _UNIT = Word("kind", KINDS), Word("unit", ("m/s^2", "g"))
+_DAMPING, _DT = Number("damping", lowest=0), Number("dt", above=0)
+#: Acceleration (m/s^2) above which the unit of a record is doubted.
+_LARGE = 4000.0
+#: Part of a record at each end, relative difference and relative size of an offset.
+_TAIL, _ALIKE, _OFFSET = 0.05, 0.3, 1e-6
+#: Relative error of the straight lines between samples of a smooth shock, and samples at most.
+_SAMPLED, _MOST = 1e-10, 2_000_000
+#: Steps of oscillators that take some milliseconds.
+_FEW = 1_000_000
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class ShockResponseSpectrum(Result):
+    """Extremes of the responses of oscillators to a shock, over their natural frequency.
+
+    All values are magnitudes of 0 or more. "positive" is the largest value of the response itself:
+    a positive acceleration of the base first gives a negative relative displacement.
+
+    Attributes
+    ----------
+    quantity : str
+        "absolute_acceleration", "relative_displacement" or "pseudo_velocity".
+    frequencies : ndarray, shape (n,)
+        Natural frequencies (Hz).
+    damping : float
+        Damping ratio.
+    primary_positive, primary_negative : ndarray, shape (n,)
+        Extremes while the record lasts.
+    residual_positive, residual_negative : ndarray, shape (n,)
+        Extremes of the free vibration after the record.
+    unit : str
+        Unit of these values.
+    peak : float
+        Largest absolute value of the record (m/s^2).
+    duration : float
+        Length of the record (s).
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import viscovib as vv
+    >>> record = 50 * np.sin(np.pi * np.linspace(0, 1, 1001))
+    >>> found = vv.shock_response_spectrum(record, [20.0, 80.0], dt=0.011 / 1000, damping=0.05)
+    >>> print(found.maximax.round(1))
+    [39.4 83.3]
+    """
+
+    quantity: str
+    frequencies: FloatArray
+    damping: float
+    primary_positive: FloatArray
+    primary_negative: FloatArray
+    residual_positive: FloatArray
+    residual_negative: FloatArray
+    unit: str
+    peak: float
+    duration: float
+
+    kind = "shock_response_spectrum"
+
+    @property
+    def primary(self) -> FloatArray:
+        """Largest magnitude while the record lasts, shape (n,)."""
+        return np.maximum(self.primary_positive, self.primary_negative)
+
+    @property
+    def residual(self) -> FloatArray:
+        """Largest magnitude after the record, shape (n,)."""
+        return np.maximum(self.residual_positive, self.residual_negative)
+
+    @property
+    def positive(self) -> FloatArray:
+        """Largest value of the response, shape (n,)."""
+        return np.maximum(self.primary_positive, self.residual_positive)
+
+    @property
+    def negative(self) -> FloatArray:
+        """Magnitude of the smallest value of the response, shape (n,)."""
+        return np.maximum(self.primary_negative, self.residual_negative)
+
+    @property
+    def maximax(self) -> FloatArray:
+        """Largest magnitude of the response, shape (n,)."""
+        return np.maximum(self.positive, self.negative)
+
+    def _headline(self) -> str:
+        i = int(self.maximax.argmax())
+        places = things(self.frequencies.size, "frequency", "frequencies")
+        return (
+            f"{self.quantity.replace('_', ' ')} at {places}, "
+            f"at most {self.maximax[i]:.6g} {self.unit} at {self.frequencies[i]:.6g} Hz"
+        )
+
+    def _scope(self) -> list[str]:
+        peak = f"{self.peak:.6g} m/s^2 = {self.peak / units.g:.6g} g"
+        return [
+            f"frequencies: {span(self.frequencies, 'Hz')}; damping ratio {self.damping:.6g}",
+            f"record: {self.duration:.6g} s, peak {peak}",
+        ]
+
+    def to_dataset(self) -> xr.Dataset:
+        """Return all extremes as an xarray Dataset over the frequency."""
+        import xarray as xr
+
+        names = (
+            "primary_positive", "primary_negative", "residual_positive", "residual_negative",
+            "maximax",
+        )  # fmt: skip
+        return xr.Dataset(
+            {name: ("frequency", getattr(self, name), {"units": self.unit}) for name in names},
+            coords={"frequency": ("frequency", self.frequencies, {"units": "Hz"})},
+            attrs={"quantity": self.quantity, "damping": self.damping},
+        )
+
+
+def shock_response_spectrum(
+    record: npt.ArrayLike | LoadTable,
+    frequencies: npt.ArrayLike,
+    *,
+    dt: float | None = None,
+    damping: float = 0.05,
+    kind: str = "absolute_acceleration",
+    unit: str = "m/s^2",
+) -> ShockResponseSpectrum:
+    """Return the shock response spectrum of an acceleration of the base.
+
+    Parameters
+    ----------
+    record : array_like, shape (n,), or LoadTable
+        Acceleration of the base, linear between its samples, from an oscillator at rest; 0 after
+        the last sample. A `LoadTable` has its own times, which may be unequally spaced. A smooth
+        table, such as ``LoadTable.half_sine``, is sampled to 1e-10 of its peak.
+    frequencies : array_like, shape (m,)
+        Undamped natural frequencies of the oscillators (Hz, not rad/s), in any order.
+    dt : float
+        Time between samples (s); only with an array.
+    damping : float
+        Damping ratio zeta = 1/(2 Q), at least 0 and less than 1.
+    kind : {"absolute_acceleration", "relative_displacement", "pseudo_velocity"}
+        Acceleration of the mass, in the unit of the record; displacement relative to the base (m);
+        this times the circular frequency (m/s).
+    unit : {"m/s^2", "g"}
+        Unit of the record.
+
+    Warns
+    -----
+    RangeWarning
+        If the record begins and ends with the same offset, which makes the base drift, or if its
+        peak exceeds 4000 m/s^2, because its unit may be wrong.
+
+    Notes
+    -----
+    The oscillator x'' + 2 zeta w x' + w^2 x = -a(t) has a solution in closed form between two
+    samples, and extremes between samples are located: the error is rounding error (ramp-invariant
+    method, ISO 18431-4). A record that is sampled at less than ten times a frequency may itself not
+    resolve the shock.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import viscovib as vv
+    >>> shock = vv.LoadTable.sawtooth(15.0, 0.011)
+    >>> found = vv.shock_response_spectrum(shock, np.geomspace(5, 500, 50), unit="g")
+    >>> print(f"{found.maximax.max():.3f} {found.unit}")
+    18.899 g
+
+    See Also
+    --------
+    LoadTable, spectrum
+    """
+    quantity, unit = _KIND.check(kind), _UNIT.check(unit)
+    ratio = _DAMPING.check(damping)
+    if ratio >= 1:
+        raise InputError(
+            f"damping = {ratio:g}: must be less than 1 (a damping ratio: 5 % of critical is 0.05)"
+        )
+    values, steps = _read(record, dt)
+    places = np.atleast_1d(_native.real_array("frequencies", frequencies))
+    if places.ndim != 1 or not places.size:
+        raise InputError(f"frequencies: must have shape (m,) with m >= 1, got {places.shape}")
+    if places.min() <= 0:
+        raise InputError(f"frequencies: {places.min():g} Hz: must be greater than 0")
+    omega = 2 * math.pi * places
+    if not 1e-100 <= omega.min() * steps.min() <= omega.max() * steps.max() <= 1e15:
+        raise InputError("frequencies: must be within 1e-100 and 1e14 of the sampling rate")
+    factor = units.g if unit == "g" else 1.0
+    peak, duration = (
+        factor * float(np.abs(values).max()),
+        float(steps.sum() if steps.size > 1 else steps[0] * (values.size - 1)),
+    )
+    _warn(values, steps, unit, peak)
+    # Together only those of nearly the same length of step: sorted.
+    order = np.argsort(omega, kind="stable")
+    found = np.empty((4, places.size))
+    found[:, order] = _native.run_either(
+        values.size * places.size > _FEW, "spectrum shock", record=values, steps=steps,
+        omega=omega[order], damping=ratio, quantity=2 if quantity == KINDS[0] else 1,
+    )["extremes"]  # fmt: skip
+    found *= np.array([[1.0], [-1.0]] * 2)
+    if quantity != KINDS[0]:
+        found *= factor / omega ** (2 if quantity == KINDS[1] else 1)
+        unit = "m" if quantity == KINDS[1] else "m/s"
+    one, two, three, four = found + 0.0
+    return ShockResponseSpectrum(
+        quantity, places, ratio, one, two, three, four, unit, peak, duration
+    )
+
+
+def _read(record: npt.ArrayLike | LoadTable, dt: float | None) -> tuple[FloatArray, FloatArray]:
+    """Return samples between which the record is linear, and the times between them: one or all."""
+    if not isinstance(record, LoadTable):
+        if dt is None:
+            raise InputError("dt: must be given with an array: the time between samples")
+        values = _native.real_array("record", record)
+        if values.ndim != 1 or values.size < 2:
+            raise InputError(f"record: must have shape (n,) with n >= 2, got {values.shape}")
+        return _in_range(values), np.array([_DT.check(dt)])
+    if dt is not None:
+        raise InputError("dt: must not be given with a LoadTable, which has its own times")
+    times, values = np.asarray(record.times), np.asarray(record.values)
+    if values.ndim != 1:
+        raise InputError(f"record: values must have shape ({times.size},), got {values.shape}")
+    _in_range(values)
+    if record.interpolation != "linear":
+        # Straight lines are off by the square of their length and the second derivative over 8.
+        cubic, square = record._cubics(values[:, np.newaxis])[0, :2, :-1]
+        length = np.diff(times)
+        bend = 2 * np.maximum(np.abs(square), np.abs(square + 3 * cubic * length)) * length**2
+        part = math.ceil(math.sqrt(bend.max() / (8 * _SAMPLED * (np.abs(values).max() or 1.0))))
+        part = max(part, 1)
+        part = min(part, max(_MOST // times.size, 1))
+        inner = np.arange(part) / part
+        times = np.append(times[:-1, np.newaxis] + length[:, np.newaxis] * inner, times[-1])
+        values = record(times)
+    step = spacing(times)
+    return values, np.diff(times) if math.isnan(step) else np.array([step])
+
+
+def _in_range(values: FloatArray) -> FloatArray:
+    if np.abs(values).max() > 1e150:
+        raise InputError("record: values beyond 1e150 leave the range of numbers")
+    return values
+
+
+def _warn(values: FloatArray, steps: FloatArray, unit: str, peak: float) -> None:
+    """Warn of a unit that looks wrong, and of an offset."""
+    if peak > _LARGE:
+        warnings.warn(
+            f"record: its peak is {peak:.6g} m/s^2 = {peak / units.g:.6g} g: check that the record "
+            f"is in {unit}",
+            RangeWarning,
+            stacklevel=caller(),
+        )
+    # Four stretches at both ends have the same mean: an offset, unlike the flanks of a pulse.
+    tail = int(_TAIL * values.size)
+    if tail < 4:
+        return
+    half = tail // 2
+    ends = values[:half], values[half:tail], values[-tail:-half], values[-half:]
+    means = np.array([one.mean() for one in ends])
+    offset = float(means.mean())
+    if (
+        np.abs(means - offset).max()
+        < _ALIKE * abs(offset)
+        > _ALIKE * _OFFSET * np.abs(values).max()
+    ):
+        warnings.warn(
+            f"record: begins and ends with an offset of {offset:.4g} {unit}, with which the base "
+            "drifts: subtract it",
+            RangeWarning,
+            stacklevel=caller(),
+        )
