@@ -1,6 +1,7 @@
 """What importing the package loads: little, and public names are where they are said to be."""
 
 import ast
+import fcntl
 import json
 import subprocess
 import sys
@@ -10,6 +11,7 @@ import pytest
 import viscovib
 
 SOURCE = Path(viscovib.__file__).read_text(encoding="utf-8")
+ROOT = Path(__file__).parents[2]
 HEAVY = ("scipy", "xarray", "pandas", "tqdm", "matplotlib", "zarr", "dask", "distributed")
 MOUNT = "mass=1, inertia=1, offset=0.1, stiffness_x=1, stiffness_phi=1"
 
@@ -72,3 +74,16 @@ def test_unknown_names_are_refused_as_everywhere() -> None:
     with pytest.raises(AttributeError, match="'viscovib' has no attribute 'Responze'"):
         viscovib.Responze  # noqa: B018
     assert viscovib.errors.InputError is viscovib.InputError
+
+
+@pytest.mark.skipif(not (ROOT / ".venv/bin/ninja").exists(), reason="no checkout of ./run")
+def test_builds_of_two_imports_wait_for_each_other() -> None:
+    """A process that imports a stale checkout builds only when no other process does."""
+    with open(ROOT / "build" / "ninja.lock", "w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        command = [ROOT / "packaging" / "ninja", "--version"]
+        with subprocess.Popen(command, stdout=subprocess.PIPE) as second:
+            with pytest.raises(subprocess.TimeoutExpired):
+                second.wait(timeout=0.5)
+            fcntl.flock(lock, fcntl.LOCK_UN)
+            assert second.wait(timeout=60) == 0
