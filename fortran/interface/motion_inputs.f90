@@ -28,7 +28,8 @@ contains
   !! `tolerance`, `times` (n); with resume > 0 `memory`; with events `watched` and `sides`; where
   !! steps end, as of `new_mesh`, `ends` and `made_by`. Some pieces have `in_parts`, `thin`, `past`
   !! (1: exponentials, 2: step by step), `shortest` (steps after corners of the load, and with
-  !! `kinks` of the base, are not shorter; 0: there are none).
+  !! `kinks` of the base, are not shorter; 0: there are none). `accelerates`: accelerations are
+  !! found at the times.
   subroutine read_piece(task, piece)
     type(task_type), intent(inout) :: task
     type(piece_type), intent(out) :: piece
@@ -52,6 +53,7 @@ contains
     piece%past = task%get_integer('past', 0)
     piece%shortest = task%get_real('shortest', 0.0_wp)
     piece%kinks = task%get_flag('kinks', .false.)
+    piece%accelerates = task%get_flag('accelerates', .false.)
     piece%is_watched = task%has('watched')
     if (.not. piece%is_watched) return
     piece%watched => task%get_reals('watched')
@@ -78,6 +80,9 @@ contains
     call task%found%put_integer('counted', piece%counted)
     call task%found%put_integer('reason', int(piece%reason, i8))
     call task%found%put_real('resolution', piece%resolution)
+    if (piece%accelerates) then
+      call task%found%put_reals('accelerations', piece%accelerations, shape(piece%accelerations))
+    end if
     call task%found%put_real('too_long', piece%too_long)
     if (.not. allocated(piece%phased)) allocate (piece%phased(0))
     call task%found%put_reals('phased', piece%phased, shape(piece%phased))

@@ -11,6 +11,7 @@ module viscovib_motion_tasks
   use viscovib_load, only: load_type, new_load
   use viscovib_motion_inputs, only: load_of, of_pendulum, of_structure, polynomial_of, put_piece, &
     read_equations, read_piece, with_memory, without_memory
+  use viscovib_motion_balance, only: accelerations_of, panel_points, recalled_along
   use viscovib_motion_piece, only: motion_equations, piece_type
   use viscovib_motion_search, only: search_step
   use viscovib_oscillator, only: oscillator_type
@@ -54,6 +55,8 @@ contains
       call trace_branch(task)
     case ('extremes')
       call find_motion_extremes(task)
+    case ('accelerations')
+      call find_accelerations(task)
     case ('moving coordinates')
       call find_moving(task)
     case ('hidden coordinates')
@@ -89,6 +92,48 @@ contains
     call equations%run(piece, task%status)
     call put_piece(task, piece)
   end subroutine run_motion
+
+  !> Accelerations (n, n_dof) by the equations, of states that are known: `u`, `rate` and `load`
+  !! (n, n_dof), relative to the base. With kernels also the motion until then: ends of panels
+  !! `ends` (p + 1), `panel_u` and `panel_rate` at their points (see `recalled_along`), `held`
+  !! before them (n_dof), and the `times` of the states (n), ascending. `singular`: masses are.
+  subroutine find_accelerations(task)
+    type(task_type), intent(inout) :: task
+    class(oscillator_type), pointer :: system
+    real(wp), pointer, contiguous :: u(:, :), rate(:, :), load(:, :), ends(:), panel_u(:, :), &
+                                     panel_rate(:, :), held(:), times(:)
+    real(wp), allocatable :: recalled(:, :), a(:, :)
+    logical :: singular
+
+    system => task%system()
+    u => task%get_matrix('u')
+    rate => task%get_matrix('rate')
+    load => task%get_matrix('load')
+    call task%check_extents('rate', shape(rate), shape(u))
+    call task%check_extents('load', shape(load), shape(u))
+    if (task%failed()) return
+    call task%check_extents('u', shape(u), [size(u, 1), system%n_dof()])
+    if (task%failed()) return
+    allocate (recalled(size(u, 1), system%n_memory()), source=0.0_wp)
+    allocate (a(size(u, 1), size(u, 2)))
+    if (any(system%kernel_of > 0)) then
+      ends => task%get_reals('ends')
+      panel_u => task%get_matrix('panel_u')
+      panel_rate => task%get_matrix('panel_rate')
+      held => task%get_reals('held')
+      times => task%get_reals('times')
+      call task%check_extents('times', shape(times), [size(u, 1)])
+      call task%check_extents('held', shape(held), [system%n_dof()])
+      call task%check_extents('panel_u', shape(panel_u), [(size(ends) - 1)*(panel_points + 2), &
+                                                          system%n_dof()])
+      call task%check_extents('panel_rate', shape(panel_rate), shape(panel_u))
+      if (task%failed()) return
+      call recalled_along(system, ends, panel_u, panel_rate, held, times, recalled)
+    end if
+    call accelerations_of(system, u, rate, load, recalled, a, singular)
+    call task%found%put_reals('accelerations', a, shape(a))
+    call task%found%put_integer('singular', merge(1_i8, 0_i8, singular))
+  end subroutine find_accelerations
 
   !> Which coordinates move (1) if those with `driven` /= 0 (n) are driven: `moves` (n).
   subroutine find_moving(task)

@@ -144,7 +144,7 @@ contains
 
     n_all = self%system%n_dof()
     initial => piece%initial
-    moves = self%moves .or. piece%is_watched
+    moves = self%moves .or. piece%is_watched .or. piece%accelerates
     dofs = pack([(i, i=1, n_all)], moves)
     rows = pack([(i, i=1, 2*n_all)], state_mask(moves))
     n = size(dofs)
@@ -258,6 +258,11 @@ contains
       call simulate(stepper, motion, piece%first, piece%n_steps, piece%save_every, piece%times, &
                     piece%states, piece%at_times, piece%n_done, piece%n_reached, &
                     piece%t_reached, piece%ended, mesh, piece%watch)
+    else if (piece%accelerates) then
+      ! Of motions with surfaces all coordinates are computed, too.
+      call simulate(stepper, motion, piece%first, piece%n_steps, piece%save_every, piece%times, &
+                    piece%states, piece%at_times, piece%n_done, piece%n_reached, &
+                    piece%t_reached, piece%ended, mesh, accelerations=piece%accelerations)
     else if (size(rows) == size(piece%states, 1)) then
       call simulate(stepper, motion, piece%first, piece%n_steps, piece%save_every, piece%times, &
                     piece%states, piece%at_times, piece%n_done, piece%n_reached, &

@@ -18,7 +18,7 @@ module viscovib_exponential_history
   implicit none
   private
 
-  public :: exponential_history_type, new_exponential_history
+  public :: exponential_history_type, exponential_moments, new_exponential_history
 
   !> Terms taken together in `store`, nodes in `recall`.
   integer, parameter :: block = 8, few = 4

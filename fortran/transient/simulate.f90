@@ -33,7 +33,7 @@ contains
   !> Make steps first+1 ... first+n_steps, keeping every save_every-th state and
   !! those at wanted times. Underflow is abrupt meanwhile.
   subroutine simulate(method, system, first, n_steps, save_every, times, states, at_times, n_done, &
-                      n_reached, t_reached, outcome, mesh, watch, beside)
+                      n_reached, t_reached, outcome, mesh, watch, beside, accelerations)
     class(stepper_type), intent(inout) :: method
     class(driven_system_type), intent(inout) :: system
     integer(i8), intent(in) :: first, n_steps, save_every
@@ -55,6 +55,8 @@ contains
     type(watch_type), intent(inout), optional :: watch
     !> What small disturbances become, by a collocation.
     type(motion_beside), intent(inout), optional :: beside
+    !> Accelerations relative to the base at the wanted times, shape (n, size(times)).
+    real(wp), intent(inout), optional :: accelerations(:, :)
     type(watch_type) :: before
     real(wp) :: memory(method%memory_size()), h
     logical :: missed
@@ -65,19 +67,20 @@ contains
       if (present(watch)) before = watch
     end if
     call run_through(method, system, first, n_steps, save_every, times, states, at_times, n_done, &
-                     n_reached, t_reached, outcome, missed, mesh, watch, beside)
+                     n_reached, t_reached, outcome, missed, mesh, watch, beside, accelerations)
     if (.not. missed) return
     system%in_parts = .true.
     call method%load_memory(memory)
     call method%change_step(system, h)
     if (present(watch)) watch = before
     call run_through(method, system, first, n_steps, save_every, times, states, at_times, n_done, &
-                     n_reached, t_reached, outcome, missed, mesh, watch, beside)
+                     n_reached, t_reached, outcome, missed, mesh, watch, beside, accelerations)
   end subroutine simulate
 
   !> The same, but given up where whole steps may have missed a thin layer of a force.
   subroutine run_through(method, system, first, n_steps, save_every, times, states, at_times, &
-                         n_done, n_reached, t_reached, outcome, missed, mesh, watch, beside)
+                         n_done, n_reached, t_reached, outcome, missed, mesh, watch, beside, &
+                         accelerations)
     class(stepper_type), intent(inout) :: method
     class(driven_system_type), intent(inout) :: system
     integer(i8), intent(in) :: first, n_steps, save_every
@@ -91,6 +94,7 @@ contains
     type(mesh_type), intent(in), optional :: mesh
     type(watch_type), intent(inout), optional :: watch
     type(motion_beside), intent(inout), optional :: beside
+    real(wp), intent(inout), optional :: accelerations(:, :)
     type(mesh_type) :: ends
     type(wanted_states) :: wanted
     type(watched_step_type) :: at
@@ -106,8 +110,7 @@ contains
     call flushing%begin()
     outcome = run_completed
     n_done = 0
-    wanted%times = times
-    allocate (wanted%states(2*size(method%q), size(times)))
+    call wanted%begin(times, size(method%q), present(accelerations))
     ends = equal_steps(method%h)
     if (present(mesh)) ends = mesh
     piece = ends%piece_of(first)
@@ -171,6 +174,7 @@ contains
     if (present(beside)) beside = at%beside
     n_reached = wanted%n_reached
     at_times(:, :n_reached) = wanted%states(:size(at_times, 1), :n_reached)
+    if (present(accelerations)) accelerations = wanted%accelerations(:size(accelerations, 1), :)
   end subroutine run_through
 
   !> Keep the present state, that of the body.

@@ -46,6 +46,8 @@ NOTHING_TO_JUDGE = {
     "SteadyMotion.to_dataset": "its own arrays, which test_steady_motion compares",
     "Trajectory.dof_units": "units, as the system names them",
     "Trajectory.rate_units": "units, as the system names them",
+    "Trajectory.acceleration": "tests/python/test_motion_results.py: SciPy, and velocities",
+    "Trajectory.acceleration_units": "units, as the system names them",
     "Trajectory.reason": "tests/python/test_law_ends.py: the edge of each law, by SciPy",
     "Structure.write": "tests/python/test_structure_files.py writes and reads",
     "Structure.n_coordinates": _WHOLE,

@@ -13,6 +13,7 @@ import numpy.typing as npt
 
 from viscovib import _native
 from viscovib._native import ComplexArray, FloatArray
+from viscovib.analyses.acting import EarlierMotion, Loads
 from viscovib.analyses.kept_numbers import of_mount
 from viscovib.analyses.mount_loads import inertia_of, sinusoids
 from viscovib.analyses.runs import (
@@ -177,6 +178,24 @@ class MountMotion:
             moved[: placed.size] += placed
         return np.asarray(self._directions @ moved)
 
+    @cached_property
+    def acting(self) -> Loads:
+        """The loads, with the inertia of what is relative to the base, and its motion."""
+        breaks, base, cubics = np.zeros(0), None, np.zeros((0, 4, 0))
+        if self.table is not None:
+            breaks = self.base_breaks
+            cubics = np.einsum("dq,pqt->dpt", self._directions, self.base_pieces)
+        if self.table is not None or self.base.any():
+            base = self._directions @ self.base
+        return Loads(
+            self.frequencies, self.amplitudes, self.breaks, self.pieces, base, breaks, cubics
+        )
+
+    @property
+    def past(self) -> EarlierMotion | None:
+        """What came before t = 0; None: nothing remembers it."""
+        return EarlierMotion(self.held, self.before, self.moved) if self.remembers else None
+
     def first_steps(self) -> int:
         """Steps to begin with when the step is to be found."""
         if isinstance(self.mount, PolynomialSystem):
@@ -283,6 +302,18 @@ class MountRun(Run):
         if isinstance(like, MountRun):
             self.shortest, self.kinks = like.shortest / factor, like.kinks
             self.moves = like.moves
+
+    def acting(self) -> tuple[_native.Handle, Loads, EarlierMotion | None]:
+        """The oscillator, its loads and its past."""
+        motion = self.motion
+        return motion.mount._handle, motion.acting, motion.past
+
+    @property
+    def smooth_memory(self) -> bool:
+        """Whether all kernels are sums of exponentials."""
+        mount = self.motion.mount
+        kernels = getattr(mount, "_all_kernels", mount._active_kernels)
+        return all(isinstance(kernel, PronyKernel) for kernel in kernels)
 
     @property
     def fitted(self) -> bool:

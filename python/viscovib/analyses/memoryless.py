@@ -10,6 +10,7 @@ import numpy.typing as npt
 
 from viscovib import _native
 from viscovib._native import FloatArray
+from viscovib.analyses.acting import EarlierMotion, Loads
 from viscovib.analyses.hereditary import (
     EVER,
     NODES,
@@ -29,12 +30,13 @@ from viscovib.analyses.runs import (
 from viscovib.common.parameters import MAX_HARMONICS, no_frequency
 from viscovib.common.past import Past
 from viscovib.errors import InputError
+from viscovib.results.trajectory import Trajectory
 from viscovib.systems.load import LoadLike, load_series, name_places
 from viscovib.systems.load_table import LoadTable
 from viscovib.systems.mount import Mount
 from viscovib.systems.pendulum import Pendulum
 from viscovib.systems.polynomial_system import PolynomialSystem
-from viscovib.systems.whole import n_hidden
+from viscovib.systems.whole import MOST_IN_FRAME, n_hidden
 
 #: Explicit methods by their place in the core.
 EXPLICIT = {"rk4": 1, "dop8": 2, "verner8": 3, "verner9": 4}
@@ -56,8 +58,6 @@ IN_SECTIONS = ("gauss8", "gauss2", "gauss3")
 REMEMBERING = ("gauss8",)
 #: Allowed values of ``memory`` for such motions.
 AS_COORDINATES = ("auto", "exponentials")
-#: The same with coordinates of the core for exponentials that remember, as of `modal_frame`.
-MOST_IN_FRAME = 512
 #: Where the numbers of a system count its kernels; of structures they stand in elements alone.
 _N_KERNELS = 3
 #: How far beyond its end a run may go on: sums that stand for kernels reach as far.
@@ -371,6 +371,23 @@ class PolynomialRun(Run):
         known: MountMotion | None = self.job[10]
         return known
 
+    def acting(self) -> tuple[_native.Handle, Loads, EarlierMotion | None]:
+        """The system and its loads; what has memory has surfaces as well."""
+        motion, job = self.motion, self.job
+        if motion is not None:
+            return self.system_in_core, motion.acting, None
+        orders, series, frequency, breaks, pieces = job[1:6]
+        n = pieces.shape[0]
+        return self.system_in_core, Loads(orders * frequency, series[:n], breaks, pieces), None
+
+    def accelerations(self, kept: Trajectory) -> FloatArray:
+        """As of other runs; on surfaces of laws by the equations of the side that it is on."""
+        if not (self.switched.size or self.hidden):
+            return super().accelerations(kept)
+        found: list[FloatArray] = []
+        self.states_at(kept.t, kept, found)
+        return np.concatenate(found) + self.acting()[1].at(kept.t).push
+
     def power(self, t: FloatArray, state: FloatArray) -> FloatArray:
         """Power of load and damping."""
         _, orders, series, nu, *_ = self.job
@@ -408,6 +425,8 @@ class PolynomialRun(Run):
                 )
         self.layers.longest = max(self.layers.longest, self.h)
         found = self._found(count, every, columns, times)
+        if self.accelerated is not None:
+            self.accelerated.append(found["accelerations"].T[: found["n_reached"]])
         self.layers.seen |= bool(found["memory"][-2])
         return Piece.of(found)
 
@@ -422,6 +441,8 @@ class PolynomialRun(Run):
             "thin": self.h / max(self.layers.longest, self.h), "moves": self.job[6],
             "reach": float(self.job[8]), **self.job[13],
         }  # fmt: skip
+        if self.accelerated is not None:
+            values["accelerates"] = True
         return "motion without memory", (self.system_in_core,), values
 
 
@@ -441,6 +462,10 @@ class _PendulumRun(Run):
     def power(self, t: FloatArray, state: FloatArray) -> FloatArray:
         """Power of loads and damping."""
         return self.system.power(t, state)
+
+    def accelerations(self, kept: Trajectory) -> FloatArray:
+        """By the equations of motion."""
+        return self.system.rhs(kept.t, kept.state)[:, 1::2]
 
     @property
     def swings(self) -> int:

@@ -14,6 +14,7 @@ import numpy.typing as npt
 
 from viscovib import _native
 from viscovib._native import FloatArray
+from viscovib.analyses.acting import EarlierMotion, Loads, Panels, accelerations, panel_ends
 from viscovib.analyses.events import Watch
 from viscovib.bodies.body import Body
 from viscovib.bodies.turning import told_like
@@ -269,6 +270,8 @@ class Run(ABC):
         self.kept_of_step = 1
         #: States on the way of a search that found no step.
         self.looks: FloatArray = nothing(0)
+        #: Accelerations at wanted times, piece by piece, if these are wanted.
+        self.accelerated: list[FloatArray] | None = None
 
     def on(self, mesh: Mesh) -> Run:
         """The same run in the steps of a mesh."""
@@ -520,8 +523,45 @@ class Run(ABC):
             bar.update(part.made)
         return int(ended)
 
-    def states_at(self, times: FloatArray, kept: Trajectory) -> FloatArray:
-        """States at ascending times of the run that ``kept`` holds, by making it once more."""
+    def acting(self) -> tuple[_native.Handle, Loads, EarlierMotion | None]:
+        """The system, its loads, and its past; None: it has no memory."""
+        raise InputError(f"{type(self.system).__name__}: a motion of it has no accelerations")
+
+    @property
+    def smooth_memory(self) -> bool:
+        """Whether all that springs remember is smooth from the start of a motion on."""
+        return False
+
+    def accelerations(self, kept: Trajectory) -> FloatArray:
+        """Accelerations of the states that ``kept`` holds, by the equations of motion."""
+        return self._balanced(kept, kept.t, kept.state)
+
+    def _balanced(self, kept: Trajectory, t: FloatArray, state: FloatArray) -> FloatArray:
+        """The same at ascending times and states of all coordinates."""
+        system, loads, past = self.acting()
+
+        def relative(t: FloatArray, state: FloatArray) -> tuple[FloatArray, FloatArray]:
+            now = loads.at(t)
+            return state[:, ::2] - now.place, state[:, 1::2] - now.speed
+
+        panels = None
+        if past is not None and t.size:
+            until = max(float(t[-1]), 1e-3 * self.h)
+            if until > kept.t_reached:
+                until = kept.t_reached
+            ends = panel_ends(self.mesh, self.h, until, graded=not self.smooth_memory)
+            panels = Panels.of(
+                ends, past, lambda at: relative(at, self.states_at(at, kept)[:, : state.shape[1]])
+            )
+        return accelerations(system, t, *relative(t, state), loads.at(t), panels)
+
+    def states_at(
+        self, times: FloatArray, kept: Trajectory, accelerated: list[FloatArray] | None = None
+    ) -> FloatArray:
+        """States at ascending times of the run that ``kept`` holds, by making it once more.
+
+        ``accelerated``: gathers accelerations relative to the base at these times.
+        """
         latest: Run | None = None
         found = []
         assert self.maker is not None
@@ -531,6 +571,8 @@ class Run(ABC):
                 part.adopt(latest)
             part.prepare(self, 1)
             part.mesh = self.mesh
+            if accelerated is not None:
+                part.watch, part.accelerated = None, accelerated
             begin, until = part.time, self._time_after(done)
             last = done == self.done and maker is self.maker
             here = times[(times >= begin) & ((times < until) | last)]

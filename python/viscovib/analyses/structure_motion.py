@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import warnings
 from collections.abc import Callable, Sequence
+from copy import copy
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from typing import TYPE_CHECKING, Any, TypeGuard
@@ -14,6 +15,7 @@ import numpy.typing as npt
 
 from viscovib import _native
 from viscovib._native import FloatArray
+from viscovib.analyses.acting import EarlierMotion, Loads
 from viscovib.analyses.hereditary import FIRST, NODES, PASTS, MountRun, history_of
 from viscovib.analyses.kept_numbers import of_structure
 from viscovib.analyses.memoryless import reads_rates, switches_by_itself
@@ -36,6 +38,7 @@ from viscovib.systems.structure_loads import (
     table_columns,
     warn_of_creeping,
 )
+from viscovib.systems.whole import lacks_wholeness, whole_system
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -340,6 +343,39 @@ class StructureMotion:
         """Whether some element or layer has memory."""
         return bool(getattr(self.mount, "_all_kernels", self.mount._active_kernels))
 
+    @cached_property
+    def acting(self) -> Loads:
+        """The loads on all coordinates, with the inertia of what is relative to the base."""
+        loaded, w = self.loaded, self.frequencies
+        b = self.mount._base_direction
+        forces = loaded.forces + np.outer(loaded._inertia, w**2 * loaded.base)
+        pieces = np.einsum("nk,kpb->npb", self.patterns, self.pieces)
+        if b is None or not self.moves_base:
+            return Loads(w, forces, self.breaks, pieces)
+        breaks, cubics = np.zeros(0), np.zeros((0, 4, 0))
+        if self.table is not None:
+            breaks, cubics = self.base_breaks, np.multiply.outer(b, self.base_pieces)
+        base = np.outer(b, loaded.base)
+        return Loads(w, forces, self.breaks, pieces, base, breaks, cubics)
+
+    @property
+    def past(self) -> EarlierMotion | None:
+        """What came before t = 0; None: nothing remembers it."""
+        if not self.remembers:
+            return None
+        return EarlierMotion(self.whole_past[:, 0], self.before, self.whole_past)
+
+    @property
+    def whole(self) -> PolynomialSystem:
+        """The system in all its coordinates."""
+        system = self.mount
+        if isinstance(system, PolynomialSystem):
+            return system
+        told = lacks_wholeness(system)
+        if told is not None:
+            raise InputError(f"acceleration: {told}")
+        return whole_system(system)
+
     def runs(self, tolerance: float) -> Callable[[float], Run]:
         """Return what makes a run with a step."""
         return partial(StructureRun, self, tolerance)
@@ -379,6 +415,39 @@ class StructureRun(MountRun):
             _names=tuple(structure.dof_names[i] for i in places),
             _units=tuple(structure.dof_units[i] for i in places),
         )  # fmt: skip
+
+    def acting(self) -> tuple[_native.Handle, Loads, EarlierMotion | None]:
+        """The structure in all its coordinates, its loads and its past."""
+        motion = self.motion
+        return _native.polynomial_object(motion.whole._vector), motion.acting, motion.past
+
+    def accelerations(self, kept: Trajectory) -> FloatArray:
+        """Of the coordinates that are kept, from a run that keeps all of them."""
+        n, places = self.motion.start.size, self.motion.places
+        whole = self._of_all()
+        state = kept.state if places.size == n else whole.states_at(kept.t, kept)
+        return whole._balanced(kept, kept.t, state)[:, places]
+
+    def _of_all(self) -> StructureRun:
+        """The same run, which keeps all coordinates."""
+        n = self.motion.start.size
+        if self.motion.places.size == n:
+            return self
+        self.motion.whole  # noqa: B018
+
+        def widened(maker: Any) -> Any:
+            if hasattr(maker, "make"):
+                wide = copy(maker)
+                object.__setattr__(wide, "make", widened(maker.make))
+                return wide
+            motion, tolerance = maker.args
+            return replace(motion, places=np.arange(n)).runs(tolerance)
+
+        other = copy(self)
+        other.motion = replace(self.motion, places=np.arange(n))
+        other.maker = widened(self.maker)
+        other.parts = tuple((widened(maker), done) for maker, done in self.parts)
+        return other
 
     def adopt(self, earlier: Run) -> None:
         """Go on from the end of an earlier run, under the loads of this one."""

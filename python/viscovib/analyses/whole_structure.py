@@ -21,7 +21,6 @@ from viscovib.analyses.memoryless import (
     IN_SECTIONS,
     MAX_DOF,
     METHODS,
-    MOST_IN_FRAME,
     REMEMBERING,
     PolynomialRun,
     polynomial_runs,
@@ -33,11 +32,11 @@ from viscovib.errors import InputError
 from viscovib.results.trajectory import Trajectory
 from viscovib.systems.load import LoadLike
 from viscovib.systems.load_table import LoadTable
-from viscovib.systems.spring_groups import is_definite
 from viscovib.systems.structure import ALL_GIVEN, Structure
-from viscovib.systems.structure_matrices import dense_of
 from viscovib.systems.whole import (
+    MOST_IN_FRAME,
     has_text_laws,
+    lacks_wholeness,
     n_hidden,
     once_each,
     shares_switches,
@@ -57,7 +56,7 @@ def goes_whole(
     """Whether a structure is small, has laws with kinks or states, and fades by exponentials."""
     if not isinstance(system, Structure) or not switches(system):
         return False
-    told, n = _lacks_wholeness(system), len(system.dof_names)
+    told, n = lacks_wholeness(system), len(system.dof_names)
     sections = n > MAX_DOF or bool(system._all_kernels)
     methods = ("auto", *(IN_SECTIONS if sections else METHODS))
     if system._all_kernels:
@@ -82,21 +81,9 @@ def goes_whole(
     return False
 
 
-def _lacks_wholeness(system: Structure) -> str | None:
-    """Say what keeps a structure from going by its whole equations; None: nothing."""
-    n = len(system.dof_names)
-    if n > MOST_IN_FRAME:
-        return f"is for structures of at most {MOST_IN_FRAME} coordinates, has {n}"
-    if system._reduced is not None:
-        return "is for structures that are not reduced: take structure.in_modes()"
-    if not _all_has_mass(system):
-        return "is for structures all of whose coordinates have mass"
-    return None
-
-
 def check_whole(system: Structure) -> None:
     """Refuse a structure that does not go by its whole equations, in a motion that repeats."""
-    told = _lacks_wholeness(system) or _lacks_exponentials(system)
+    told = lacks_wholeness(system) or _lacks_exponentials(system)
     if told is None and any(one.law is not None and one.law.state and one.law.text != "restitution"
                             for one in system._all_elements):  # fmt: skip
         told = "takes no hysteresis elements (see forced_response)"
@@ -125,12 +112,6 @@ def _lacks_exponentials(structure: Structure) -> str | None:
             f"has {n} and {'up to ' if fitted else ''}{hidden}"
         )
     return None
-
-
-@once_each
-def _all_has_mass(structure: Structure) -> bool:
-    """Whether the mass matrix is positive definite, but for rounding, as the core decides it."""
-    return is_definite(dense_of(structure.mass))
 
 
 def whole_runs(
@@ -224,6 +205,11 @@ class WholeRun(PolynomialRun):
         begin = int(self.memory[-1])
         belongs[begin : begin + 2 * self._n_stops] = False
         return belongs
+
+    def accelerations(self, kept: Trajectory) -> FloatArray:
+        """Of the coordinates that are kept."""
+        found = super().accelerations(kept)
+        return found if self.places is None else found[:, self.places]
 
     @property
     def _judged(self) -> npt.NDArray[np.intp]:

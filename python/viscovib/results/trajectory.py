@@ -389,6 +389,41 @@ class Trajectory(Result):
             return self.system.rate_units
         return tuple(f"{unit}/s" for unit in self.dof_units)
 
+    @property
+    def acceleration_units(self) -> tuple[str, ...]:
+        """Units of their accelerations."""
+        if self.system.time_unit != "s":
+            return tuple(f"{unit}^2" for unit in self.rate_units)
+        return tuple(f"{unit}/s^2" for unit in self.dof_units)
+
+    @cached_property
+    def acceleration(self) -> FloatArray:
+        """Accelerations of the states kept, shape (n, n_dof), in `acceleration_units`.
+
+        They follow from the equations of motion, not from differences, and are as exact as the
+        states. They are absolute, also with a moving base. At a jump of the load or the base they
+        are those after it. With memory, the run is computed once more, at the points of its steps.
+
+        Raises
+        ------
+        InputError
+            For structures of more than 512 coordinates, reduced ones, and those with coordinates
+            without mass.
+
+        Examples
+        --------
+        >>> import viscovib as vv
+        >>> system = vv.PolynomialSystem(mass=2, stiffness=8)
+        >>> run = vv.simulate(system, 10, dt=0.1, initial=[1, 0])
+        >>> float(run.acceleration[0, 0])
+        -4.0
+        """
+        if self._resume is None:
+            raise InputError("acceleration: this motion does not contain its equations")
+        found = np.asarray(self._resume.accelerations(self))
+        found.setflags(write=False)
+        return found
+
     def coordinate(self, name: str) -> FloatArray:
         """Return a coordinate by name, "phi", or its velocity, "phi_dot", shape (n,)."""
         names = tuple(f"{d}{dot}" for d in self.dof_names for dot in ("", "_dot"))

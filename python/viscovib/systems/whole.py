@@ -20,10 +20,13 @@ from viscovib.systems.laws import Law, compile_law
 from viscovib.systems.layers import Layers
 from viscovib.systems.polynomial_system import PolynomialSystem
 from viscovib.systems.refined_modes import refined_modes
+from viscovib.systems.spring_groups import is_definite
 from viscovib.systems.structure import Structure
 from viscovib.systems.structure_matrices import dense_of, with_elements
 
 _Told = TypeVar("_Told")
+#: The same with coordinates of the core for exponentials that remember, as of `modal_frame`.
+MOST_IN_FRAME = 512
 #: Products of coordinates that a power of deflections may become; beyond them it is a law of these.
 _MOST_PRODUCTS = 500
 
@@ -94,6 +97,24 @@ def _laws_of(structure: Structure) -> list[Law]:
     for coupling in coupling_terms(structure.elements, structure.dof_names, structure._places):  # type: ignore[attr-defined]
         laws += [law for _, law in coupling.programs]
     return laws
+
+
+def lacks_wholeness(system: Structure) -> str | None:
+    """Say what keeps a structure from going by its whole equations; None: nothing."""
+    n = len(system.dof_names)
+    if n > MOST_IN_FRAME:
+        return f"is for structures of at most {MOST_IN_FRAME} coordinates, has {n}"
+    if system._reduced is not None:
+        return "is for structures that are not reduced: take structure.in_modes()"
+    if not _all_has_mass(system):
+        return "is for structures all of whose coordinates have mass"
+    return None
+
+
+@once_each
+def _all_has_mass(structure: Structure) -> bool:
+    """Whether the mass matrix is positive definite, but for rounding, as the core decides it."""
+    return is_definite(dense_of(structure.mass))
 
 
 class _Whole(PolynomialSystem):

@@ -1,0 +1,187 @@
+"""What acts along a motion in time that is known: loads, the base, and what springs remember."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from viscovib import _native
+from viscovib._native import ComplexArray, FloatArray
+from viscovib.common.mesh import Mesh
+from viscovib.errors import InputError
+
+#: Gauss nodes of a panel, as in the core, and the places of a panel's points.
+_NODES = 8
+_PLACES = np.concatenate([[0.0], (np.polynomial.legendre.leggauss(_NODES)[0] + 1) / 2, [1.0]])
+#: Halvings of a first step, and of a step after a corner of the loads, where memory is not smooth.
+_AT_START, _AT_CORNER = 44, 24
+#: Parts of each piece of a past that is known.
+_OF_PAST = 4
+#: Panels are not shorter than so many spacings of their times.
+_SHORTEST = 64.0
+#: Numbers of a motion at the points of panels, at most: 1 GiB.
+_MOST = 2**27
+
+
+def along(frequencies: FloatArray, amplitudes: ComplexArray, t: FloatArray) -> FloatArray:
+    """Return Im sum_k a_k exp(i w_k t), shape (n_times, n), of amplitudes (n, m)."""
+    used = amplitudes.any(axis=0)
+    return np.asarray((np.exp(1j * np.outer(t, frequencies[used])) @ amplitudes[:, used].T).imag)
+
+
+def on_cubics(
+    breaks: FloatArray, pieces: FloatArray, t: FloatArray, *, ever: bool = False
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return values, first and second derivatives of piecewise cubics, shape (n_times, n).
+
+    ``pieces`` (n, 4, m): the highest power first. Beyond the breaks they are 0; ``ever``: the last
+    piece goes on for ever, and before the first break the value there. At a break those after it.
+    """
+    last = breaks.size - (1 if ever else 2)
+    if last < 0:
+        return (np.zeros((t.size, pieces.shape[0])),) * 3
+    i = np.clip(np.searchsorted(breaks, t, side="right") - 1, 0, last)
+    x = np.maximum(t - breaks[i], 0.0)
+    a, b, c, d = (pieces[:, p, i] for p in range(4))
+    found = [((a * x + b) * x + c) * x + d, (3 * a * x + 2 * b) * x + c, 6 * a * x + 2 * b]
+    inside = t >= breaks[0]
+    found[1:] = [np.where(inside, one, 0.0) for one in found[1:]]
+    if not ever:
+        found[0] = np.where(inside & (t <= breaks[-1]), found[0], 0.0)
+    return found[0].T, found[1].T, found[2].T
+
+
+@dataclass(frozen=True)
+class Acting:
+    """Loads on coordinates relative to the base, and how it moves them, at times (n_times, n)."""
+
+    load: FloatArray
+    place: FloatArray
+    speed: FloatArray
+    push: FloatArray
+
+
+@dataclass(frozen=True)
+class Loads:
+    """Sinusoids and piecewise cubics that act on n coordinates, and that their base moves by.
+
+    Of the base amplitudes (n, m), with the frequencies of the load, and cubics (n, 4, k).
+    """
+
+    frequencies: FloatArray
+    amplitudes: ComplexArray
+    breaks: FloatArray
+    pieces: FloatArray
+    base: ComplexArray | None = None
+    base_breaks: FloatArray = field(default_factory=lambda: np.zeros(0))
+    base_pieces: FloatArray = field(default_factory=lambda: np.zeros((0, 4, 0)))
+
+    def at(self, t: FloatArray) -> Acting:
+        """What acts at times."""
+        w = self.frequencies
+        load = along(w, self.amplitudes, t) + on_cubics(self.breaks, self.pieces, t)[0]
+        zero = np.zeros_like(load)
+        if self.base is None:
+            return Acting(load, zero, zero, zero)
+        moved = [along(w, factor * self.base, t) for factor in (1.0, 1j * w, -(w**2))]
+        if self.base_breaks.size:
+            cubics = on_cubics(self.base_breaks, self.base_pieces, t, ever=True)
+            moved = [one + other for one, other in zip(moved, cubics, strict=True)]
+        return Acting(load, *moved)
+
+
+@dataclass(frozen=True)
+class EarlierMotion:
+    """The motion before t = 0: held until the first of the times, straight lines between them."""
+
+    held: FloatArray
+    before: FloatArray
+    moved: FloatArray
+
+
+def panel_ends(mesh: Mesh | None, h: float, until: float, *, graded: bool) -> FloatArray:
+    """Ends of panels from 0 on: the steps, and after corners parts that double their length."""
+    if mesh is None:
+        ends = h * np.arange(np.ceil(until / h * (1 - 1e-12)) + 1)
+        corners = ends[:1]
+    else:
+        ends = mesh.times(np.arange(mesh.count + 1))
+        corners = np.append(0.0, mesh.ends[:-1])
+    ends = np.append(ends[ends < until * (1 - 1e-14)], until)
+    if not graded:
+        return ends
+    added = [ends]
+    for t in corners[corners < ends[-1]]:
+        length = ends[np.searchsorted(ends, t, side="right")] - t
+        n = _AT_START if t == 0 else _AT_CORNER
+        parts = length * 0.5 ** np.arange(1, n + 1)
+        added.append(t + parts[parts > _SHORTEST * np.spacing(t)])
+    return np.unique(np.concatenate(added))
+
+
+@dataclass(frozen=True)
+class Panels:
+    """A motion relative to the base on panels: their ends, and states at the points of each."""
+
+    ends: FloatArray
+    u: FloatArray
+    rate: FloatArray
+    held: FloatArray
+
+    @classmethod
+    def of(
+        cls,
+        ends: FloatArray,
+        past: EarlierMotion,
+        states: Callable[[FloatArray], tuple[FloatArray, ...]],
+    ) -> Panels:
+        """From what gives coordinates and velocities at ascending times, relative to the base."""
+        n = past.held.size
+        if 2 * n * (ends.size - 1) * _PLACES.size > _MOST:
+            raise InputError(
+                f"a motion of {ends.size - 1} steps with memory and {n} coordinates: is too long "
+                "for its accelerations and forces: take a shorter run"
+            )
+        t = (ends[:-1, np.newaxis] + np.diff(ends)[:, np.newaxis] * _PLACES).ravel()
+        wanted, back = np.unique(np.minimum(t, ends[-1]), return_inverse=True)
+        u, rate = (one[back] for one in states(wanted))
+        cuts = past.before
+        if cuts.size > 1:
+            parts = np.linspace(cuts[:-1], cuts[1:], _OF_PAST, endpoint=False, axis=1)
+            early = np.append(parts.ravel(), cuts[-1])
+            speeds = np.diff(past.moved, axis=1) / np.diff(cuts)
+            at = (early[:-1, np.newaxis] + np.diff(early)[:, np.newaxis] * _PLACES).ravel()
+            old = np.stack([np.interp(at, cuts, one) for one in past.moved], axis=1)
+            speed = np.repeat(speeds, _OF_PAST * _PLACES.size, axis=1).T
+            u, rate = np.concatenate([old, u]), np.concatenate([speed, rate])
+            ends = np.concatenate([early[:-1], ends])
+        return cls(ends, u, rate, past.held)
+
+
+def accelerations(
+    system: _native.Handle,
+    t: FloatArray,
+    u: FloatArray,
+    rate: FloatArray,
+    acting: Acting,
+    panels: Panels | None,
+) -> FloatArray:
+    """Return accelerations of the body, shape (n_times, n), by the equations of motion.
+
+    At states relative to the base; ``panels``: the motion until then, of systems with memory.
+    """
+    given = {"u": u, "rate": rate, "load": acting.load}
+    if panels is not None:
+        given |= {
+            "times": t, "ends": panels.ends, "panel_u": panels.u, "panel_rate": panels.rate,
+            "held": panels.held,
+        }  # fmt: skip
+    found = _native.run_either(
+        panels is not None, "motion accelerations", system,
+        **{name: np.asfortranarray(value) for name, value in given.items()},
+    )  # fmt: skip
+    if found["singular"]:
+        raise InputError("mass: is singular, so the equations of motion give no accelerations")
+    return np.asarray(found["accelerations"] + acting.push)
