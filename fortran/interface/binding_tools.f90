@@ -118,24 +118,31 @@ contains
   !> Rows of `series`: forces on the coordinates, then the motion of the base.
   subroutine make_load(load, orders, series, status)
     type(load_type), intent(out) :: load
-    !> A term of order k, or -1 - k: what the base moves each coordinate by.
+    !> A term of order k, or -1 - k: what the base moves each coordinate by, or -k - 10^6: forces
+    !! per (k nu)^2.
     integer, intent(in) :: orders(:)
     complex(wp), intent(in) :: series(:, :)
     type(status_type), intent(out) :: status
-    complex(wp), dimension(size(series, 1) - 1, size(orders)) :: force, moved
-    integer :: j, n
+    integer, parameter :: of_squares = -1000000
+    complex(wp), dimension(size(series, 1) - 1, size(orders)) :: force, moved, inertial
+    integer :: places(size(orders)), j, n
     n = size(series, 1) - 1
     force = (0.0_wp, 0.0_wp)
     moved = (0.0_wp, 0.0_wp)
+    inertial = (0.0_wp, 0.0_wp)
     do j = 1, size(orders)
-      if (orders(j) < 0) then
+      if (orders(j) <= of_squares) then
+        inertial(:, j) = series(:n, j)
+        places(j) = of_squares - orders(j)
+      else if (orders(j) < 0) then
         moved(:, j) = series(:n, j)
+        places(j) = -1 - orders(j)
       else
         force(:, j) = series(:n, j)
+        places(j) = orders(j)
       end if
     end do
-    call new_load(load, n, merge(-1 - orders, orders, orders < 0), force, series(n + 1, :), &
-                  status, moved)
+    call new_load(load, n, places, force, series(n + 1, :), status, moved, inertial)
   end subroutine make_load
 
   !> Harmonics as numbers of their own, from real and imaginary parts by turns.

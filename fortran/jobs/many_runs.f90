@@ -429,7 +429,7 @@ contains
                 //'be made in parts that see it: take a shorter run, or a wider layer')
     else
       load = self%subject%load
-      if (self%place == of_load) load%force = self%values(i)*load%force
+      if (self%place == of_load) call load%scale(self%values(i))
       call self%system_of(i, system, status)
       if (.not. status%failed()) call new_polynomial_motion(motion, system, load, &
                                                             self%frequency(i), status)

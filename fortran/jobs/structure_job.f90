@@ -89,9 +89,9 @@ contains
       sections%frequencies = load%orders*job%nu
       ! Loads as they are, and the inertia of what is relative to a base that moves.
       inertia = inertia_of(model)
-      forces = load%force
+      allocate (forces, mold=load%force)
       do i = 1, size(load%orders)
-        forces(:, i) = forces(:, i) + sections%frequencies(i)**2*load%base(i)*inertia
+        forces(:, i) = load%force_at(i, job%nu) + sections%frequencies(i)**2*load%base(i)*inertia
       end do
       sections%waves = matmul(transpose(rest%shapes), forces)
       sections%inner = matmul(inertia, rest%shapes)

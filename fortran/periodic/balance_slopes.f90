@@ -50,6 +50,11 @@ contains
     end do
     call system%add_frequency_slope(self%set%orders, self%nu, y, load%orders, load%force, base, &
                                     self%load_factor, total)
+    do k = 1, size(load%orders)
+      b = findloc(self%set%orders, load%orders(k), 1)
+      if (b > 0) total(b, :) = total(b, :) - 2.0_wp*self%load_factor*load%orders(k)**2*self%nu &
+                               *load%inertial(:, k)
+    end do
     do a = 1, self%n_dof
       slope(1::2, a) = real(total(:, a))
       slope(2::2, a) = aimag(total(:, a))

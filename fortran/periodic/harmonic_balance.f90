@@ -150,9 +150,9 @@ contains
     do j = 1, size(load%orders)
       do k = 1, size(self%set%orders)
         if (load%orders(j) /= self%set%orders(k)) cycle
-        self%load(k, :) = load%force(:, j)
+        self%load(k, :) = load%force_at(j, nu)
         if (.not. (load%moves_base() .or. system%condensed)) cycle
-        self%load(k, :) = system%load_coefficient(load%force(:, j), load%shift(system, j), &
+        self%load(k, :) = system%load_coefficient(self%load(k, :), load%shift(system, j), &
                                                   load%orders(j), nu, self%stiffness(:, :, k), &
                                                   self%fraction(k, :))
       end do

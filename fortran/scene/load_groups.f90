@@ -17,7 +17,8 @@ module viscovib_load_groups
 
 contains
 
-  !> Every &load is a term amplitude sin(order nu t + phase); they add up.
+  !> Every &load is a term amplitude sin(order nu t + phase), of an unbalance times (order nu)^2; they
+  !! add up.
   subroutine read_loads(file, subject, load, echo, status)
     type(namelist_type), intent(in) :: file
     !> What it acts on.
@@ -29,7 +30,7 @@ contains
     type(group_reader) :: reader
     character(len=:), allocatable :: word
     integer, allocatable :: orders(:)
-    complex(wp), allocatable :: force(:, :), base(:), moved(:, :)
+    complex(wp), allocatable :: force(:, :), base(:), moved(:, :), inertial(:, :)
     real(wp), allocatable :: shape(:)
     real(wp) :: amplitude, phase
     complex(wp) :: term
@@ -40,6 +41,7 @@ contains
     allocate (orders(n), force(size(subject%coordinates), n), base(n))
     force = (0.0_wp, 0.0_wp)
     moved = force
+    inertial = force
     base = (0.0_wp, 0.0_wp)
     n = 0
     do i = 1, size(file%groups)
@@ -48,7 +50,7 @@ contains
       kind = 1
       on = 1
       call reader%start(file%path, file%groups(i))
-      word = reader%read_text('kind', 'force', [character(len=5) :: 'force', 'base'], kind)
+      word = reader%read_text('kind', 'force', [character(len=9) :: 'force', 'base', 'unbalance'], kind)
       apart = subject%is_polynomial .or. subject%is_turning
       if (kind == 2) then
         apart = apart .and. reader%has('on')
@@ -80,6 +82,10 @@ contains
       end if
       if (kind == 1) then
         force(:, n) = shape*term
+      else if (kind == 3) then
+        inertial(:, n) = shape*term
+        if (orders(n) == 0) call reader%complain('order', "order = 0: kind = 'unbalance' turns, " &
+                                                 //'must be 1, 2, ...')
       else if (apart) then
         moved(:, n) = shape*term
       else
@@ -88,7 +94,8 @@ contains
       call reader%close(echo, status)
       if (status%failed()) return
     end do
-    call new_load(load, size(subject%coordinates), orders, force, base, status, moved)
+    call new_load(load, size(subject%coordinates), orders, force, base, status, moved, &
+                  inertial)
 
   contains
 

@@ -22,11 +22,17 @@ module viscovib_load
     complex(wp), allocatable :: base(:)
     !> Besides, what the base moves each coordinate by, shape (n_dof, size(orders)).
     complex(wp), allocatable :: moved(:, :)
+    !> Force coefficients per (k nu)^2 (kg, kg m), as unbalances have them, shape (n_dof,
+    !! size(orders)).
+    complex(wp), allocatable :: inertial(:, :)
     !> Orders given whose terms add up to 0.
     integer :: n_zero = 0
   contains
     procedure :: is_odd
     procedure :: moves_base
+    procedure :: force_at
+    procedure :: grows_with_frequency
+    procedure :: scale
     procedure :: shift
     procedure :: coefficient
     procedure :: drives
@@ -37,7 +43,7 @@ contains
 
   !> Collect the terms of a series; terms of the same order add up, terms
   !! that vanish are dropped.
-  subroutine new_load(load, n_dof, orders, force, base, status, moved)
+  subroutine new_load(load, n_dof, orders, force, base, status, moved, inertial)
     type(load_type), intent(out) :: load
     integer, intent(in) :: n_dof
     !> Order of each term, >= 0, shape (n).
@@ -47,20 +53,24 @@ contains
     type(status_type), intent(out) :: status
     !> By what the base moves each coordinate, shape (n_dof, n).
     complex(wp), intent(in), optional :: moved(:, :)
-    complex(wp) :: own(n_dof, size(orders))
-    complex(wp), allocatable :: total_force(:, :), total_base(:), total_moved(:, :)
+    !> Forces per (k nu)^2, shape (n_dof, n); of order 0 they are 0.
+    complex(wp), intent(in), optional :: inertial(:, :)
+    complex(wp), dimension(n_dof, size(orders)) :: own, per_square
+    complex(wp), allocatable :: total_force(:, :), total_base(:), total_moved(:, :), total_square(:, :)
     integer, allocatable :: place(:), different(:)
     integer :: k, j, n
 
     own = (0.0_wp, 0.0_wp)
     if (present(moved)) own = moved
+    per_square = (0.0_wp, 0.0_wp)
+    if (present(inertial)) per_square = inertial
     do j = 1, size(orders)
       if (orders(j) < 0) then
         call fail(status, status_input_error, 'load', 'load order '//show(orders(j)) &
                   //': must be 0 (mean), 1, 2, ...')
         return
       end if
-      if (.not. all(finite([force(:, j), own(:, j), base(j)]))) then
+      if (.not. all(finite([force(:, j), own(:, j), per_square(:, j), base(j)]))) then
         call fail(status, status_input_error, 'load', 'load of order '//show(orders(j)) &
                   //': must be finite numbers')
         return
@@ -76,20 +86,24 @@ contains
     different = pack([(k, k=0, ubound(place, 1))], place > 0)
     n = size(different)
     place(different) = [(k, k=1, n)]
-    allocate (total_force(n_dof, n), total_base(n), total_moved(n_dof, n), source=(0.0_wp, 0.0_wp))
+    allocate (total_force(n_dof, n), total_base(n), total_moved(n_dof, n), total_square(n_dof, n), &
+              source=(0.0_wp, 0.0_wp))
     do j = 1, size(orders)
       k = place(orders(j))
       total_force(:, k) = total_force(:, k) + force(:, j)
       total_base(k) = total_base(k) + base(j)
       total_moved(:, k) = total_moved(:, k) + own(:, j)
+      total_square(:, k) = total_square(:, k) + per_square(:, j)
     end do
     associate (kept => pack([(k, k=1, n)], any(abs(total_force) > 0.0_wp, 1) &
-                            .or. any(abs(total_moved) > 0.0_wp, 1) .or. abs(total_base) > 0.0_wp))
+                            .or. any(abs(total_moved) > 0.0_wp, 1) &
+                            .or. any(abs(total_square) > 0.0_wp, 1) .or. abs(total_base) > 0.0_wp))
       load%n_zero = n - size(kept)
       load%orders = different(kept)
       load%force = total_force(:, kept)
       load%base = total_base(kept)
       load%moved = total_moved(:, kept)
+      load%inertial = total_square(:, kept)
     end associate
   end subroutine new_load
 
@@ -108,6 +122,29 @@ contains
     class(load_type), intent(in) :: self
     moves_base = any(abs(self%base) > 0.0_wp) .or. any(abs(self%moved) > 0.0_wp)
   end function moves_base
+
+  !> Force coefficients of the order at place j at a frequency, without the base.
+  pure function force_at(self, j, nu) result(p)
+    class(load_type), intent(in) :: self
+    integer, intent(in) :: j
+    real(wp), intent(in) :: nu
+    complex(wp) :: p(size(self%force, 1))
+    p = self%force(:, j) + (self%orders(j)*nu)**2*self%inertial(:, j)
+  end function force_at
+
+  !> Whether a force grows as the square of the frequency.
+  pure logical function grows_with_frequency(self)
+    class(load_type), intent(in) :: self
+    grows_with_frequency = any(abs(self%inertial) > 0.0_wp)
+  end function grows_with_frequency
+
+  !> Multiply the forces.
+  pure subroutine scale(self, factor)
+    class(load_type), intent(inout) :: self
+    real(wp), intent(in) :: factor
+    self%force = factor*self%force
+    self%inertial = factor*self%inertial
+  end subroutine scale
 
   !> What the base moves the coordinates of the system by, of the order at place j.
   pure function shift(self, system, j) result(y)
@@ -131,7 +168,7 @@ contains
     p = (0.0_wp, 0.0_wp)
     do j = 1, size(self%orders)
       if (self%orders(j) /= order) cycle
-      p = system%load_coefficient(self%force(:, j), self%shift(system, j), order, nu)
+      p = system%load_coefficient(self%force_at(j, nu), self%shift(system, j), order, nu)
     end do
   end function coefficient
 
@@ -141,7 +178,7 @@ contains
     class(oscillator_type), intent(in) :: system
     logical :: driven(size(self%force, 1))
     integer :: j
-    driven = any(abs(self%force) > 0.0_wp, 2)
+    driven = any(abs(self%force) > 0.0_wp, 2) .or. any(abs(self%inertial) > 0.0_wp, 2)
     if (.not. self%moves_base()) return
     do j = 1, size(self%orders)
       driven = driven .or. system%moved_by(self%shift(system, j))
@@ -159,6 +196,7 @@ contains
     part%base = self%base
     part%moved = self%moved(pack([(i, i=1, size(kept))], kept), :)
     part%force = self%force(pack([(i, i=1, size(kept))], kept), :)
+    part%inertial = self%inertial(pack([(i, i=1, size(kept))], kept), :)
   end subroutine take_part
 
 end module viscovib_load

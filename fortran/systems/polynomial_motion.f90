@@ -88,7 +88,9 @@ contains
     end if
     if (status%failed()) return
     motion%n_hidden = n_hidden
-    forces = load%force
+    do k = 1, size(load%orders)
+      forces(:, k) = load%force_at(k, nu)
+    end do
     if (load%moves_base()) then
       motion%base_motion%frequencies = load%orders*nu
       motion%base_motion%amplitudes = 0.0_wp*forces

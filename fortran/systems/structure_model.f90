@@ -304,7 +304,7 @@ contains
     complex(wp) :: nothing(size(model%directions, 2))
     integer :: j, n
 
-    call model%rest%refuse_on_idle(abs(load%force), 'load', '&load: it', status)
+    call model%rest%refuse_on_idle(abs(load%force) + abs(load%inertial), 'load', '&load: it', status)
     if (status%failed()) return
     model%load = load
     n = size(load%orders)
@@ -328,7 +328,7 @@ contains
           if (status%failed()) return
           own%at_rest = -own%at_rest
         end if
-        call set_push(inertia*load%base(j), own%base%modes, own%base%poles)
+        call set_push(inertia*load%base(j) + load%inertial(:, j), own%base%modes, own%base%poles)
         own%moves_base = any(abs(own%base%modes) > 0.0_wp) .or. any(abs(own%base%poles) > 0.0_wp)
         own%force%flexible = nothing
         own%force%flexible_rate = nothing

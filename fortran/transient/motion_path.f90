@@ -109,7 +109,7 @@ contains
       made = p > 0.0_wp
       map%nu = p
     else
-      map%load%force = p*map%load%force
+      call map%load%scale(p)
     end if
   end subroutine plain_map
 

@@ -114,7 +114,7 @@ contains
     end if
     highest = -1
     do k = 1, size(load%orders)
-      if (any(abs(load%force(:, k)) > 0.0_wp)) highest = max(highest, load%orders(k))
+      if (any(abs(load%force_at(k, nu)) > 0.0_wp)) highest = max(highest, load%orders(k))
     end do
     if (highest < 0) highest = 1
     map%fastest = max(motion%fastest(), nu*highest)

@@ -103,6 +103,7 @@ SEEDS = {
 &mount_point name='b' position=-0.1 0.1 0 stiffness=1e4 1e4 2e4 damping=10 10 10 /
 &mount_point name='c' position=0 -0.2 0.1 stiffness=1e4 1e4 2e4 damping=10 10 10 /
 &load on='ry' amplitude=1 /
+&load on='x' amplitude=1e-4 kind='unbalance' /
 &response nu=30 method='newton' harmonics=3 /
 """,
     "body_motion": """&body mass=10 inertia=0.3 0.2 0.4 /

@@ -42,6 +42,12 @@ MORE = {
 """,
     "linear_branch": "&system coordinates='x' mass=1 stiffness=1 damping=0.1 /\n"
     "&load amplitude=0.3 /\n&branch nu_from=0.5 nu_to=2 /\n",
+    "unbalance": """&system coordinates='x' 'y' mass=1 2 stiffness=2 -1 -1 2 damping=0.02 0 0 0.03 /
+&force on='x' law='0.3*x^3' /
+&load on='y' amplitude=0.02 kind='unbalance' order=2 phase=0.3 /
+&load on='y' amplitude=0.01 order=2 /
+&response nu=0.3 0.5 0.9 method='newton' /
+""",
     "corners": "&system coordinates='x' mass=1 stiffness=1 damping=0.1 /\n"
     "&force on='x' law='0.3*abs(x)*x' /\n&load amplitude=0.3 /\n&response nu=0.5 0.6 1.2 /\n",
     "corners_of_a_branch": "&system coordinates='x' mass=1 stiffness=1 damping=0.1 /\n"

@@ -19,7 +19,7 @@ from viscovib.analyses.whole_structure import check_whole
 from viscovib.bodies.body import Body
 from viscovib.errors import InputError
 from viscovib.results.trajectory import OUTCOMES
-from viscovib.systems.load import LoadLike, load_series, name_places
+from viscovib.systems.load import LoadLike, oscillator_series
 from viscovib.systems.polynomial_system import PolynomialSystem
 from viscovib.systems.structure import Structure
 from viscovib.systems.whole import n_hidden, whole_system
@@ -91,8 +91,7 @@ class PeriodMap:
         frequency = _native.number("nu", nu)
         if frequency <= 0:
             raise InputError(f"nu = {frequency:g}: must be greater than 0")
-        named = None if isinstance(load, float) else name_places(whole.dof_names)
-        orders, series = load_series(load, None, n, named)
+        orders, series = oscillator_series(whole, load, None)
         return cls(
             whole._flat, orders, series, frequency, n_periods, n, max(hidden, 0),
             "gauss8" if name == "auto" else name,

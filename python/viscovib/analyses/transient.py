@@ -50,7 +50,7 @@ from viscovib.common.mesh import Mesh
 from viscovib.common.past import Past
 from viscovib.errors import ConvergenceWarning, InputError, RangeWarning, caller
 from viscovib.results.trajectory import Trajectory
-from viscovib.systems.load import LoadLike
+from viscovib.systems.load import LoadLike, at_frequency
 from viscovib.systems.load_table import LoadTable
 from viscovib.systems.mount import Mount
 from viscovib.systems.pendulum import Pendulum
@@ -351,7 +351,8 @@ def runs_of(
 
     ``sharper``: part of the usual error to which equations of memory are solved.
     """
-    load, nu, base, force, held = given.load, given.nu, given.base, given.force, given.held
+    load, nu = at_frequency(given.load, given.nu), given.nu
+    base, force, held = given.base, given.force, given.held
     # The step alone decides the error: its equations are solved to rounding, which costs little.
     wanted = None if auto or accuracy is None else accuracy.absolute
     solved = ROUNDING if wanted is None else max(0.1 * wanted, ROUNDING)

@@ -288,6 +288,8 @@ class Scene:
         base: dict[int, Any] = {}
         # Of coordinates that the base moves on their own.
         apart: dict[int, Any] = {}
+        # Of unbalances, per (order nu)^2.
+        masses: dict[int, Any] = {}
         names, shapes = self._names(), self._shapes()
         for group in self.groups["load"]:
             order, phase = group["order"], group.get("phase", 0.0)
@@ -300,13 +302,17 @@ class Scene:
                     apart[order] = apart.get(order, 0.0) + on * term
                 else:
                     base[order] = base.get(order, 0.0) + term
-            elif "force" in group:
-                on = self.body().load(group["force"], group["torque"], group["at"])
-                force[order] = force.get(order, 0.0) + on * term
             else:
-                where = np.array([group["on"] == name for name in names])
-                on = where if shapes is None else shapes.T @ where
-                force[order] = force.get(order, 0.0) + on * term
+                if "force" in group:
+                    on = self.body().load(group["force"], group["torque"], group["at"])
+                else:
+                    on = np.array([group["on"] == name for name in names])
+                    on = on if shapes is None else shapes.T @ on
+                series = masses if group["kind"] == "unbalance" else force
+                series[order] = series.get(order, 0.0) + on * term
+        for order, mass in masses.items():
+            both = np.broadcast_arrays(force.get(order, 0.0), order**2 * mass)
+            force[order] = [f"{complex(a)} + {complex(b)}*nu^2" for a, b in zip(*both, strict=True)]
         for order, moved in apart.items():
             along = 0.0
             if order in base:

@@ -1,5 +1,6 @@
 """A structure condensed to the deflections of its elements, and back to all its coordinates."""
 
+from collections.abc import Mapping
 from copy import copy
 from functools import cached_property
 from typing import Any, NamedTuple
@@ -204,6 +205,8 @@ class LoadedStructure:
         M b, b being the direction in which the base moves.
     direction : ndarray, shape (n,), or None
         b.
+    masses : complex ndarray, shape (n, m), or None
+        Forces on the coordinates per (k nu)^2, of unbalances.
     """
 
     def __init__(
@@ -214,12 +217,19 @@ class LoadedStructure:
         base: ComplexArray,
         inertia: FloatArray,
         direction: FloatArray | None,
+        masses: ComplexArray | None = None,
     ) -> None:
         self.condensation, self.orders = condensation, orders
         self.base, self.direction = base, direction
         self.pushes = [_push(condensation, forces[:, j]) for j in range(orders.size)]
-        self.base_push = _push(condensation, inertia.astype(complex))
-        self.forces, self._inertia = forces, inertia
+        self.forces, self._inertia, self._masses = forces, inertia, masses
+        if masses is None:
+            push = _push(condensation, inertia.astype(complex))
+            self.inertial_pushes = [push.times(factor) for factor in base]
+        else:
+            self.inertial_pushes = [
+                _push(condensation, self.inertial_force(j)) for j in range(orders.size)
+            ]
         #: Whether motions are those of the linear part, whose forces need no division by H.
         self.linear = False
 
@@ -248,11 +258,34 @@ class LoadedStructure:
         series: ComplexArray,
         inertia: FloatArray,
         direction: FloatArray | None,
+        masses: Mapping[int, ComplexArray],
     ) -> "LoadedStructure":
-        """From forces and the motion of the base, shape (n + 1, m); harmonics of 0 are dropped."""
-        kept = np.flatnonzero(series.any(axis=0))
-        forces = series[:-1, kept]
-        return cls(condensation, orders[kept], forces, series[-1, kept], inertia, direction)
+        """From forces and the motion of the base, shape (n + 1, m); harmonics of 0 are dropped.
+
+        ``masses``: forces per (k nu)^2 by order.
+        """
+        own = None
+        if masses:
+            new = np.array([k for k in masses if k not in orders], dtype=orders.dtype)
+            orders = np.concatenate([orders, new])
+            series = np.hstack([series, np.zeros((series.shape[0], new.size))])
+            own = np.zeros((series.shape[0] - 1, orders.size), dtype=complex)
+            for k, vector in masses.items():
+                own[:, orders == k] = vector[:, np.newaxis]
+        kept = series.any(axis=0) if own is None else series.any(axis=0) | own.any(axis=0)
+        given = orders[kept], series[:-1, kept], series[-1, kept], inertia, direction
+        return cls(condensation, *given, None if own is None else own[:, kept])
+
+    @property
+    def touched(self) -> Any:
+        """True for each coordinate with a load, shape (n,)."""
+        touched = self.forces.any(axis=1)
+        return touched if self._masses is None else touched | self._masses.any(axis=1)
+
+    def inertial_force(self, j: int) -> ComplexArray:
+        """Force per (k nu)^2 of load j, shape (n,): of the base and of unbalances."""
+        force = self._inertia * self.base[j]
+        return np.asarray(force if self._masses is None else force + self._masses[:, j])
 
     @property
     def told(self) -> str:
@@ -299,7 +332,7 @@ class LoadedStructure:
                         "load[0]: its mean pushes a rigid body that no element holds: there is no "
                         "position of rest"
                     )
-            moved = self.base_push.times(self.base[j])
+            moved = self.inertial_pushes[j]
             parts += [[order], *push.numbers, *moved.numbers, _pairs(at_rest)]
         parts += c.law_vector(self._base_deflections)
         flat = np.concatenate([np.asarray(part, dtype=float) for part in parts])
@@ -348,7 +381,7 @@ class LoadedStructure:
         more = Condensation(c.rest, laws, c.reduced)
         more.supports = c.supports
         return LoadedStructure(
-            more, self.orders, self.forces, self.base, self._inertia, self.direction
+            more, self.orders, self.forces, self.base, self._inertia, self.direction, self._masses
         ), row
 
     def expand(
@@ -440,7 +473,7 @@ class LoadedStructure:
         poles = np.zeros((s.size, rest.poles.size), dtype=complex)
         free = np.zeros_like(y)
         if j.size:
-            push, moved = self.pushes[j[0]], self.base_push.times(self.base[j[0]])
+            push, moved = self.pushes[j[0]], self.inertial_pushes[j[0]]
             modes += push.modes - at**2 * moved.modes
             poles += push.poles - at**2 * moved.poles
             free += push.flexible + at * push.flexible_rate
@@ -481,7 +514,7 @@ class LoadedStructure:
         if not j.size or self.condensation.rest.flexibility is None:
             return np.zeros((s.size, len(places)), dtype=complex)
         at = s[:, np.newaxis]
-        loads = np.stack([self.forces[:, j[0]], self._inertia * self.base[j[0]]], axis=1)
+        loads = np.stack([self.forces[:, j[0]], self.inertial_force(j[0])], axis=1)
         real, real_rate = self.condensation.rest.flexibility(np.ascontiguousarray(loads.real))
         imag, imag_rate = self.condensation.rest.flexibility(np.ascontiguousarray(loads.imag))
         bend, rate = (real + 1j * imag)[places], (real_rate + 1j * imag_rate)[places]

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import ast
 import math
+import operator
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -15,15 +17,22 @@ from viscovib._native import ComplexArray, FloatArray, Handle
 from viscovib.errors import InputError
 
 #: What ``load`` may be: P on x; a vector over the coordinates; forces by the names of coordinates;
-#: or {order: any of these}.
+#: or {order: any of these}. P may be a text a + b*nu^2, such as "0.002*nu^2" for an unbalance.
 LoadLike = (
     complex
     | npt.ArrayLike
-    | Mapping[str, complex]
-    | Mapping[int, complex | npt.ArrayLike | Mapping[str, complex]]
+    | Mapping[str, complex | str]
+    | Mapping[int, complex | str | npt.ArrayLike | Mapping[str, complex | str]]
 )
 
 _MAX_ORDER = 100_000
+#: Code of order k of forces per (k nu)^2 in the form of the core: this minus k.
+_SQUARES = -1_000_000
+_OPERATORS: dict[type, Any] = {
+    ast.Add: operator.add, ast.Sub: operator.sub, ast.Mult: operator.mul,
+    ast.Div: operator.truediv, ast.Pow: operator.pow, ast.UAdd: operator.pos,
+    ast.USub: operator.neg,
+}  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -171,26 +180,118 @@ def oscillator_series(
 ) -> tuple[npt.NDArray[np.int32], ComplexArray]:
     """Return `load_series` of an oscillator, whose base may move each coordinate on its own.
 
-    A term of order -1 - k holds, in place of forces, the displacements of the coordinates by the
-    base of order k.
+    A term of order -1 - k contains, in place of forces, the displacements of the coordinates by the
+    base of order k, and a term of order -k - 10^6 forces per (k nu)^2.
     """
     terms, n = base_by_order(base), len(system.dof_names)
     along = {order: term for order, term in terms.items() if not in_components(term)}
-    orders, series = load_series(load, along or None, n, name_places(system.dof_names))
-    if len(along) == len(terms):
+    constant, growing = parts_of(load)
+    orders, series = load_series(constant, along or None, n, name_places(system.dof_names))
+    further: list[tuple[int, ComplexArray]] = []
+    if len(along) < len(terms):
+        names: tuple[str, ...] = system._base_names
+        apart = {order: term for order, term in terms.items() if in_components(term)}
+        moved = _by_order("base", apart, len(names), {name: i for i, name in enumerate(names)})
+        system._check_base_motion(np.array([_padded(one, n) for one in moved.values()]).T)
+        further = [(-1 - order, vector) for order, vector in moved.items()]
+    masses = inertial_series(growing, n, name_places(system.dof_names))
+    further += [(_SQUARES - order, vector) for order, vector in masses.items()]
+    if not further:
         return orders, series
-    names: tuple[str, ...] = system._base_names
-    apart = {order: term for order, term in terms.items() if in_components(term)}
-    moved = _by_order("base", apart, len(names), {name: i for i, name in enumerate(names)})
-    more = np.zeros((n + 1, len(moved)), dtype=complex)
-    for j, vector in enumerate(moved.values()):
-        more[: len(names), j] = vector
-    system._check_base_motion(more[:-1])
-    joined = np.hstack([series, more])
+    more = np.array([_padded(vector, n + 1) for _, vector in further]).T
+    codes = np.array([code for code, _ in further])
     return (
-        np.concatenate([orders, [-1 - order for order in moved]]).astype(np.int32),
-        np.asfortranarray(joined),
+        np.concatenate([orders, codes]).astype(np.int32),
+        np.asfortranarray(np.hstack([series, more])),
     )
+
+
+def _padded(vector: ComplexArray, n: int) -> ComplexArray:
+    return np.concatenate([vector, np.zeros(n - vector.size)])
+
+
+def inertial_series(
+    growing: Any, n_dof: int, places: Mapping[str, int] | None
+) -> dict[int, ComplexArray]:
+    """Forces per (k nu)^2 by order k, shape (n_dof,), of the second part of `parts_of`."""
+    forces = _by_order("force per nu^2", growing, n_dof, places)
+    return {k: vector / k**2 for k, vector in forces.items() if k and vector.any()}
+
+
+def parts_of(load: Any) -> tuple[Any, Any]:
+    """Return a and b of a load a + b nu^2 (b = None: it has no text)."""
+    if not _has_text(load):
+        return load, None
+    return tuple(_each(load, lambda where, text, i=i: _in_nu(where, text)[i], i) for i in (0, 1))
+
+
+def at_frequency(load: Any, nu: Any) -> Any:
+    """Return a load whose texts are numbers at one frequency."""
+    if not _has_text(load):
+        return load
+    square = _native.number("nu", nu) ** 2
+
+    def value(where: str, text: str) -> complex:
+        a, b = _in_nu(where, text)
+        return a + b * square
+
+    return _each(load, value, 0)
+
+
+def _has_text(load: Any) -> bool:
+    if isinstance(load, Mapping):
+        return any(map(_has_text, load.values()))
+    return isinstance(load, str) or (
+        isinstance(load, list | tuple) and any(isinstance(one, str) for one in load)
+    )
+
+
+def _each(load: Any, value: Any, constant: int, where: str = "load") -> Any:
+    """The same with values for texts; ``constant`` = 1: with 0 for all that are none."""
+    if isinstance(load, str):
+        return value(where, load)
+    if isinstance(load, Mapping):
+        return {k: _each(one, value, constant, f"{where}[{k!r}]") for k, one in load.items()}
+    if isinstance(load, list | tuple) and any(isinstance(one, str) for one in load):
+        return [_each(one, value, constant, f"{where}[{i}]") for i, one in enumerate(load)]
+    return 0 * np.asarray(load) if constant else load
+
+
+def _in_nu(where: str, text: str) -> tuple[complex, complex]:
+    """Return a and b of a text a + b nu^2."""
+    if "nu" not in text:
+        raise InputError(
+            f"{where} = {_native.shown(text)}: must be numbers, got text (a text must depend "
+            "on nu, as '0.002*nu^2')"
+        )
+
+    def value(node: Any, nu: float) -> Any:
+        if isinstance(node, ast.BinOp):
+            return _OPERATORS[type(node.op)](value(node.left, nu), value(node.right, nu))
+        if isinstance(node, ast.UnaryOp):
+            return _OPERATORS[type(node.op)](value(node.operand, nu))
+        if isinstance(node, ast.Name):
+            return {"nu": nu, "pi": math.pi}[node.id]
+        if isinstance(node, ast.Constant) and isinstance(node.value, int | float | complex):
+            # No integer, whose powers may have no end.
+            return 1.0 * node.value
+        raise ValueError
+
+    try:
+        tree = ast.parse(text.strip().replace("^", "**"), mode="eval").body
+        a, first, second, third = (complex(value(tree, nu)) for nu in (0.0, 1.0, 2.0, 3.0))
+    except (ArithmeticError, KeyError, RecursionError, SyntaxError, TypeError, ValueError):
+        a = first = second = third = complex(math.nan)
+    b = first - a
+    with np.errstate(over="ignore", invalid="ignore"):
+        off = np.abs([a + 4 * b - second, a + 9 * b - third]).max()
+        fits = off <= 1e-11 * np.abs([a, b]).max()
+    if not fits:
+        raise InputError(
+            f"{where} = {_native.shown(text)}: must be a number, or a text a + b*nu^2 such as "
+            "'0.002*nu^2' (an unbalance of 0.002 kg m)"
+        )
+    return a, b
 
 
 def base_shifts(
@@ -199,6 +300,8 @@ def base_shifts(
     """Orders and displacements of the coordinates by the base, shape (n,), of `load_series`."""
     shifts = []
     for j, order in enumerate(orders.tolist()):
+        if order <= _SQUARES:
+            continue
         if order < 0:
             shifts.append((-1 - order, series[:-1, j]))
         elif direction is not None and series[-1, j]:
@@ -219,6 +322,10 @@ def _by_order(
         k = _native.integer(f"{name} order", order, 0, _MAX_ORDER)
         where = name if alone else f"{name}[{k}]"
         vector = np.zeros(n_dof, dtype=complex)
+        if _has_text(term):
+            raise InputError(
+                f"{where}: depends on nu, which is not a constant here: must be numbers"
+            )
         if isinstance(term, Mapping) and places is not None:
             for key, force in term.items():
                 if key not in places:
@@ -226,6 +333,8 @@ def _by_order(
                 vector[places[key]] += _native.complex_array(f"{where}[{key!r}]", force, ndim=0)
         else:
             _fill(vector, where, term)
+        if k == 0 and name == "force per nu^2" and vector.any():
+            raise InputError("load[0]: a mean must not depend on nu")
         if k == 0 and vector.real.any():
             raise InputError(
                 f"{name}[0] has a real part: the mean is the imaginary part "

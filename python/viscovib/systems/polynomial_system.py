@@ -20,7 +20,13 @@ from viscovib.kernels.relaxation import Kernel
 from viscovib.systems.characteristic import CharacteristicRoots, characteristic_roots
 from viscovib.systems.condensed import Condensation, LoadedStructure
 from viscovib.systems.laws import named_in, parameter_values
-from viscovib.systems.load import LoadLike, load_series, name_places
+from viscovib.systems.load import (
+    LoadLike,
+    inertial_series,
+    load_series,
+    name_places,
+    parts_of,
+)
 from viscovib.systems.mount import check_dynamic_frequencies, warn_of_creep
 from viscovib.systems.python_law import python_laws
 from viscovib.systems.refined_modes import refined_modes
@@ -253,10 +259,13 @@ class PolynomialSystem:
         condensation = self._condensation or self._modes_in_time
         assert condensation is not None
         n = len(self.dof_names)
-        orders, series = load_series(load, base, n, name_places(self.dof_names))
+        constant, growing = parts_of(load)
+        places = name_places(self.dof_names)
+        orders, series = load_series(constant, base, n, places)
+        masses = inertial_series(growing, n, places)
         direction = self._base_direction
         inertia = np.zeros(n) if direction is None else self._mass_matrix @ direction
-        return LoadedStructure.of(condensation, orders, series, inertia, direction)
+        return LoadedStructure.of(condensation, orders, series, inertia, direction, masses)
 
     def _wanted(self, coordinates: Sequence[str] | None, _: LoadedStructure) -> Any:
         """Places of the coordinates that results hold: all."""

@@ -212,7 +212,7 @@ def direct_motion(
         s = 1j * order * nu[0]
         if j.size:
             pushed = pushed + factor[0] * loaded.forces[:, j[0]]
-            pushed = pushed - s**2 * factor[0] * loaded.base[j[0]] * loaded._inertia
+            pushed = pushed - s**2 * factor[0] * loaded.inertial_force(j[0])
         if not pushed.any():
             continue
         found[:, k] = direct_solution(model, s, pushed, modes)

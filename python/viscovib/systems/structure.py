@@ -26,7 +26,7 @@ from viscovib.systems.elements import (
     element_terms,
 )
 from viscovib.systems.layers import Layers, checked_layers
-from viscovib.systems.load import LoadLike, load_series
+from viscovib.systems.load import LoadLike, inertial_series, load_series, parts_of
 from viscovib.systems.mount import warn_of_creep
 from viscovib.systems.penalty_supports import (
     fixed,
@@ -543,13 +543,18 @@ class Structure:
 
     def _loaded(self, load: LoadLike | None, base: LoadLike | None) -> LoadedStructure:
         n = self.n_coordinates
-        orders, series = load_series(load, base, n, self._places)  # type: ignore[attr-defined]
+        constant, growing = parts_of(load)
+        orders, series = load_series(constant, base, n, self._places)  # type: ignore[attr-defined]
+        masses = inertial_series(growing, n, self._places)  # type: ignore[attr-defined]
         inertia = np.zeros(n)
         if self._base_direction is not None:
             inertia = self._inertia
         if self._reduced is not None:
-            self._reduced.check_loads(np.column_stack([series[:-1], inertia]), self.dof_names)
-        return LoadedStructure.of(self._condensation, orders, series, inertia, self._base_direction)
+            given = np.column_stack([series[:-1], inertia, *masses.values()])
+            self._reduced.check_loads(given, self.dof_names)
+        return LoadedStructure.of(
+            self._condensation, orders, series, inertia, self._base_direction, masses
+        )
 
     @cached_property
     def _free(self) -> LoadedStructure:
@@ -573,7 +578,7 @@ class Structure:
             # Amplitudes of modes stand for all coordinates together.
             if self.n_coordinates <= ALL_GIVEN or self.__dict__.get("_all_given"):
                 return np.arange(self.n_coordinates)
-            touched = loaded.forces.any(axis=1)
+            touched = loaded.touched
             for element in self._all_elements:
                 touched |= element.direction != 0
             # Without loads and elements the start alone moves it: one is shown, as by the driver.
