@@ -110,7 +110,8 @@ contains
         do j = 1, size(load%orders)
           k = findloc(orders, load%orders(j), 1)
           if (k == 0) cycle
-          push(k, :) = factor(i)*(load%force_at(j, nu(i)) + (orders(k)*nu(i))**2*load%base(j)*pulled)
+          push(k, :) = factor(i)*(load%force_at(j, nu(i)) &
+                                  + (orders(k)*nu(i))**2*load%base(j)*pulled)
           whole(k, :, i) = whole(k, :, i) &
                            - factor(i)*load%base(j)*subject%model%base_direction
         end do

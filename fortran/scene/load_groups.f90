@@ -17,8 +17,8 @@ module viscovib_load_groups
 
 contains
 
-  !> Every &load is a term amplitude sin(order nu t + phase), of an unbalance times (order nu)^2; they
-  !! add up.
+  !> Every &load is a term amplitude sin(order nu t + phase), times (order nu)^2 for an unbalance.
+  !! The terms are added.
   subroutine read_loads(file, subject, load, echo, status)
     type(namelist_type), intent(in) :: file
     !> What it acts on.
@@ -50,7 +50,8 @@ contains
       kind = 1
       on = 1
       call reader%start(file%path, file%groups(i))
-      word = reader%read_text('kind', 'force', [character(len=9) :: 'force', 'base', 'unbalance'], kind)
+      word = reader%read_text('kind', 'force', [character(len=9) :: 'force', 'base', &
+                                                              'unbalance'], kind)
       apart = subject%is_polynomial .or. subject%is_turning
       if (kind == 2) then
         apart = apart .and. reader%has('on')

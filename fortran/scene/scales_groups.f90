@@ -55,8 +55,10 @@ contains
     else
       call reader%refuse(['nu'], 'the frequency is what is varied')
     end if
-    if (load%grows_with_frequency()) call reader%complain('parameter', "&load kind = 'unbalance': is " &
-        //'for other results, multiple scales have a constant force')
+    if (load%grows_with_frequency()) then
+      call reader%complain('parameter', "&load kind = 'unbalance': is for other results, " &
+                           //'multiple scales have a constant force')
+    end if
     if (load%moves_base()) call reader%complain('parameter', "&load kind = 'base': is for " &
                                                 //'&response; must be a force for &multiple_scales')
     if (any(load%orders /= 1) .or. size(load%orders) == 0) then

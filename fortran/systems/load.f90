@@ -56,7 +56,8 @@ contains
     !> Forces per (k nu)^2, shape (n_dof, n); of order 0 they are 0.
     complex(wp), intent(in), optional :: inertial(:, :)
     complex(wp), dimension(n_dof, size(orders)) :: own, per_square
-    complex(wp), allocatable :: total_force(:, :), total_base(:), total_moved(:, :), total_square(:, :)
+    complex(wp), allocatable :: total_force(:, :), total_base(:), total_moved(:, :), &
+                                total_square(:, :)
     integer, allocatable :: place(:), different(:)
     integer :: k, j, n
 

@@ -304,7 +304,8 @@ contains
     complex(wp) :: nothing(size(model%directions, 2))
     integer :: j, n
 
-    call model%rest%refuse_on_idle(abs(load%force) + abs(load%inertial), 'load', '&load: it', status)
+    call model%rest%refuse_on_idle(abs(load%force) + abs(load%inertial), 'load', '&load: it', &
+                                    status)
     if (status%failed()) return
     model%load = load
     n = size(load%orders)
