@@ -28,7 +28,7 @@ from viscovib.errors import InputError
 from viscovib.results.ensemble import Ensemble
 from viscovib.results.trajectory import OUTCOMES
 from viscovib.systems.law_ends import force_at_rest
-from viscovib.systems.load import LoadLike, at_frequency
+from viscovib.systems.load import LoadLike
 from viscovib.systems.mount import Mount
 from viscovib.systems.pendulum import Pendulum
 from viscovib.systems.polynomial_system import PolynomialSystem
@@ -171,8 +171,6 @@ def simulate_ensemble(
     if isinstance(sections, (str, Event)):
         surface, sections = (Event(sections) if isinstance(sections, str) else sections), None
     some, all_of_them = _exponents(lyapunov)
-    if parameters is None or (isinstance(parameters, Mapping) and "nu" not in parameters):
-        load = at_frequency(load, nu)
     members = members_of(system, initial, parameters, load, nu, method, surface, some)
     exponents = 2 * len(members.dof_names) if all_of_them else int(some)
     place = SIDE_BY_SIDE.get(members.method_name, 0)

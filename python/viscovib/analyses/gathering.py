@@ -17,7 +17,7 @@ from viscovib.analyses.singles import SingleMembers, numbers_of, with_elements
 from viscovib.bodies.body import Body
 from viscovib.bodies.varying_body import with_numbers
 from viscovib.errors import InputError
-from viscovib.systems.load import LoadLike
+from viscovib.systems.load import LoadLike, at_frequency
 from viscovib.systems.many_numbers import (
     ManySystems,
     systems_of_parameters,
@@ -56,6 +56,8 @@ def members_of(
             if value is not None:
                 raise InputError(f"{name}: a Pendulum has its loads in itself, must be None")
         return PendulumMembers(system, initial, given, method)
+    if "nu" not in given:
+        load = at_frequency(load, nu)
     if type(system) is PolynomialSystem:
         for name in given:
             if name in SCALES[1:]:
