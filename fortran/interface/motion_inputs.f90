@@ -28,8 +28,8 @@ contains
   !! `tolerance`, `times` (n); with resume > 0 `memory`; with events `watched` and `sides`; where
   !! steps end, as of `new_mesh`, `ends` and `made_by`. Some pieces have `in_parts`, `thin`, `past`
   !! (1: exponentials, 2: step by step), `shortest` (steps after corners of the load, and with
-  !! `kinks` of the base, are not shorter; 0: there are none). `accelerates`: accelerations are
-  !! found at the times.
+  !! `kinks` of the base, are not shorter; 0: there are none). `accelerates`: accelerations
+  !! relative to the base, then forces of laws, are found at the times.
   subroutine read_piece(task, piece)
     type(task_type), intent(inout) :: task
     type(piece_type), intent(out) :: piece

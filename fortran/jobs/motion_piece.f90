@@ -42,8 +42,7 @@ module viscovib_motion_piece
     real(wp), allocatable :: ends(:)
     integer(i8), allocatable :: made_by(:)
     real(wp), allocatable :: states(:, :), at_times(:, :), last(:), kept(:), phased(:)
-    !> Accelerations relative to the base at the wanted times, shape (n_dof, n); of no size where
-    !! they are not wanted.
+    !> Whether accelerations and forces of laws at the wanted times are found, as of `simulate`.
     logical :: accelerates = .false.
     real(wp), allocatable :: accelerations(:, :)
     integer(i8) :: n_done = 0, counted = 0
@@ -119,8 +118,6 @@ contains
     n_rows = size(self%initial)
     allocate (self%states(n_rows, columns))
     allocate (self%at_times(n_rows, size(self%times)), self%last(n_rows), source=0.0_wp)
-    allocate (self%accelerations(merge(n_rows/2, 0, self%accelerates), size(self%times)), &
-              source=0.0_wp)
   end subroutine make_room
 
   !> Look for events, whose signals read some of n coordinates alone.

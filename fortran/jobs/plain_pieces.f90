@@ -259,7 +259,8 @@ contains
                     piece%states, piece%at_times, piece%n_done, piece%n_reached, &
                     piece%t_reached, piece%ended, mesh, piece%watch)
     else if (piece%accelerates) then
-      ! Of motions with surfaces all coordinates are computed, too.
+      ! All coordinates are computed then, too.
+      allocate (piece%accelerations(size(dofs) + motion%n_laws(), size(piece%times)))
       call simulate(stepper, motion, piece%first, piece%n_steps, piece%save_every, piece%times, &
                     piece%states, piece%at_times, piece%n_done, piece%n_reached, &
                     piece%t_reached, piece%ended, mesh, accelerations=piece%accelerations)

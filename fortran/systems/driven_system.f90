@@ -91,6 +91,8 @@ module viscovib_driven_system
     procedure :: start
     procedure :: longest_part
     procedure :: drive_at
+    procedure :: n_laws
+    procedure :: law_forces
   end type driven_system_type
 
   !> One that knows its derivatives too.
@@ -312,6 +314,24 @@ contains
     if (allocated(self%hidden_speeds)) v(n + 1:) = self%hidden_speeds
     call self%add_base(t, q, v, share=-1.0_wp)
   end subroutine start
+
+  !> How many laws there are whose forces `law_forces` gives.
+  pure integer function n_laws(self)
+    class(driven_system_type), intent(in) :: self
+    n_laws = 0*self%n_dof
+  end function n_laws
+
+  !> Accelerations at a state, and the forces of laws, shape (n_laws).
+  subroutine law_forces(self, t, q, v, a, force)
+    class(driven_system_type), intent(in) :: self
+    real(wp), intent(in) :: t, q(self%n_dof), v(self%n_dof)
+    real(wp), intent(out) :: a(self%n_dof), force(:)
+    real(wp) :: lanes(n_lanes, self%n_dof)
+    call self%acceleration(spread(q, 1, n_lanes), spread(v, 1, n_lanes), &
+                           self%drive_at(spread(t, 1, n_lanes)), lanes)
+    a = lanes(1, :)
+    force = 0.0_wp
+  end subroutine law_forces
 
   !> Loads at times.
   pure function drive_at(self, t) result(drive)

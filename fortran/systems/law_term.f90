@@ -130,16 +130,20 @@ contains
   end subroutine part_last
 
   !> What laws without a state end with is added to M^(-1) K and M^(-1) C instead.
-  subroutine part_linear(laws, inverse, stiffness, damping)
+  subroutine part_linear(laws, inverse, stiffness, damping, parted)
     type(law_term), intent(inout) :: laws(:)
     real(wp), intent(in) :: inverse(:, :)
     real(wp), intent(inout) :: stiffness(:, :), damping(:, :)
+    !> That part of each law by coordinates, then by rates, shape (2 n_dof, n_laws).
+    real(wp), intent(out), optional :: parted(:, :)
     real(wp), dimension(size(inverse, 1)) :: by_q, by_v, weights
     integer :: d, i
 
+    if (present(parted)) parted = 0.0_wp
     do i = 1, size(laws)
       if (laws(i)%state > 0) cycle
       call laws(i)%part_last(by_q, by_v)
+      if (present(parted)) parted(:, i) = [by_q, by_v]
       weights = matmul(inverse(:, laws(i)%equations), laws(i)%weights)
       do d = 1, size(weights)
         stiffness(d, :) = stiffness(d, :) + weights(d)*by_q

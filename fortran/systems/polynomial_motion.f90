@@ -38,6 +38,8 @@ module viscovib_polynomial_motion
     !! these have at rest.
     real(wp), allocatable, private :: inverse(:, :), stiffness(:, :), damping(:, :)
     real(wp), private :: linear_rate = 0.0_wp
+    !> As of `part_linear`.
+    real(wp), allocatable, private :: parted(:, :)
     type(motion_loads), private :: loads
   contains
     procedure :: acceleration
@@ -50,6 +52,8 @@ module viscovib_polynomial_motion
     procedure :: signal_at
     procedure :: meet
     procedure :: longest_part
+    procedure :: n_laws
+    procedure :: law_forces
     procedure :: settle
     procedure :: n_switches, keep_switches, recall_switches
     procedure, private :: but_laws, add_pushes
@@ -143,7 +147,8 @@ contains
     end if
     laws = system%laws
     motion%sloped = motion%n_dof <= most_sloped .and. size(laws) > 0 .and. all(laws%state == 0)
-    call part_linear(laws, motion%inverse, motion%stiffness, motion%damping)
+    allocate (motion%parted(2*motion%n_dof, size(laws)))
+    call part_linear(laws, motion%inverse, motion%stiffness, motion%damping, motion%parted)
     do i = 1, size(laws)
       if (size(laws(i)%arguments, 1) > most_arguments) motion%sloped = .false.
     end do
@@ -419,6 +424,25 @@ contains
     call self%but_laws(q, v, drive, a)
     call self%laws%add(q, v, a)
   end subroutine acceleration
+
+  pure integer function n_laws(self)
+    class(polynomial_motion_type), intent(in) :: self
+    n_laws = size(self%parted, 2)
+  end function n_laws
+
+  subroutine law_forces(self, t, q, v, a, force)
+    class(polynomial_motion_type), intent(in) :: self
+    real(wp), intent(in) :: t, q(self%n_dof), v(self%n_dof)
+    real(wp), intent(out) :: a(self%n_dof), force(:)
+    real(wp), dimension(n_lanes, self%n_dof) :: some_q, some_v, lanes
+    some_q = spread(q, 1, n_lanes)
+    some_v = spread(v, 1, n_lanes)
+    call self%but_laws(some_q, some_v, self%drive_at(spread(t, 1, n_lanes)), lanes)
+    call self%laws%forces(some_q, some_v, lanes, force)
+    force = force + matmul([q, v], self%parted)
+    call self%laws%add(some_q, some_v, lanes)
+    a = lanes(1, :)
+  end subroutine law_forces
 
   !> Derivatives by the product rule and by the laws' own.
   pure subroutine linearise(self, q, v, drive, a, by_q, by_v)

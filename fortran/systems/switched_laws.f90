@@ -46,6 +46,8 @@ module viscovib_switched_laws
     type(law_term), allocatable :: laws(:)
     !> Elements that know what was.
     type(moving_element), allocatable :: elements(:)
+    !> The place of each of these among all laws as they were given.
+    integer, allocatable, private :: place_of_law(:), place_of_element(:)
     !> Of each surface, its law or behind those its element (the other is 0), which one of it, the
     !! first surface that is the same, and whether both signals have the same sign (1) or not (-1).
     integer, allocatable :: law_of(:), element_of(:), which(:), leader(:), sense(:)
@@ -60,6 +62,7 @@ module viscovib_switched_laws
     procedure :: take
     procedure :: add
     procedure :: add_sloped
+    procedure :: forces
     procedure :: rate
     procedure :: stay
     procedure :: n_slides
@@ -82,6 +85,8 @@ contains
 
     self%n_dof = size(inverse, 1)
     self%free = pack(laws, laws%state == 0)
+    self%place_of_law = pack([(i, i=1, size(laws))], laws%state == 0)
+    self%place_of_element = pack([(i, i=1, size(laws))], laws%state > 0)
     self%laws = self%free
     allocate (self%weights(self%n_dof, size(self%free)), self%elements(count(laws%state > 0)))
     allocate (self%law_of(0), self%element_of(0), self%which(0))
@@ -325,6 +330,57 @@ contains
     if (self%n_slides() == 0) return
     call slide_along(self, q, v, a, mu)
   end subroutine add
+
+  !> The force of each law at a state, in the order in which the laws were given: of hysteresis with
+  !! its linear part, of a law that slides between its sides, of a stop while the motion rests.
+  pure subroutine forces(self, q, v, a, force)
+    class(switched_laws), intent(in) :: self
+    !> The same state in every lane, and the accelerations that all else gives.
+    real(wp), intent(in) :: q(n_lanes, self%n_dof), v(n_lanes, self%n_dof)
+    real(wp), intent(in) :: a(n_lanes, self%n_dof)
+    real(wp), intent(out) :: force(:)
+    real(wp) :: value(n_lanes), d(1), mu(n_lanes, self%n_slides()), total(n_lanes, self%n_dof)
+    integer :: i, j, k
+
+    force = 0.0_wp
+    do i = 1, size(self%elements)
+      if (self%elements(i)%is_stop) cycle
+      d = self%deflection(i, q(:1, :))
+      force(self%place_of_element(i)) = self%elements(i)%force(d(1)) &
+                                        + self%elements(i)%stiffness*d(1)
+    end do
+    do i = 1, size(self%laws)
+      call evaluate_term(self%laws(i), q, v, value)
+      force(self%place_of_law(i)) = value(1)
+    end do
+    total = a
+    call self%add(q, v, total, mu)
+    do j = 1, self%n_slides()
+      if (self%sliding(j)%stop > 0) then
+        i = self%place_of_element(self%sliding(j)%stop)
+        k = self%which(self%sliding(j)%leader)
+        force(i) = force(i) + merge(mu(1, j), -mu(1, j), k == 1)
+      end if
+      do k = 1, size(self%sliding(j)%others)
+        associate (pair => self%sliding(j)%others(k))
+          i = self%place_of_law(pair%law)
+          call evaluate_lanes(pair%program, self%laws(pair%law)%arguments_of_lanes(q, v), value)
+          force(i) = force(i) - 0.5_wp*mu(1, j)*(one_side(pair%law) - value(1))
+        end associate
+      end do
+    end do
+
+  contains
+
+    !> A law on the side that it is held on.
+    pure real(wp) function one_side(law)
+      integer, intent(in) :: law
+      real(wp) :: values(n_lanes)
+      call evaluate_term(self%laws(law), q, v, values)
+      one_side = values(1)
+    end function one_side
+
+  end subroutine forces
 
   !> The same of laws without surfaces, with their derivatives (see `linearise` of systems).
   pure subroutine add_sloped(self, q, v, a, by_q, by_v)

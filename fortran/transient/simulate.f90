@@ -55,7 +55,8 @@ contains
     type(watch_type), intent(inout), optional :: watch
     !> What small disturbances become, by a collocation.
     type(motion_beside), intent(inout), optional :: beside
-    !> Accelerations relative to the base at the wanted times, shape (n, size(times)).
+    !> At the wanted times accelerations relative to the base, then forces of laws, shape
+    !! (n_dof - n_hidden + n_laws, size(times)).
     real(wp), intent(inout), optional :: accelerations(:, :)
     type(watch_type) :: before
     real(wp) :: memory(method%memory_size()), h
@@ -110,7 +111,7 @@ contains
     call flushing%begin()
     outcome = run_completed
     n_done = 0
-    call wanted%begin(times, size(method%q), present(accelerations))
+    call wanted%begin(times, 2*size(method%q), system, present(accelerations))
     ends = equal_steps(method%h)
     if (present(mesh)) ends = mesh
     piece = ends%piece_of(first)
@@ -174,7 +175,7 @@ contains
     if (present(beside)) beside = at%beside
     n_reached = wanted%n_reached
     at_times(:, :n_reached) = wanted%states(:size(at_times, 1), :n_reached)
-    if (present(accelerations)) accelerations = wanted%accelerations(:size(accelerations, 1), :)
+    if (present(accelerations)) accelerations = wanted%accelerations
   end subroutine run_through
 
   !> Keep the present state, that of the body.

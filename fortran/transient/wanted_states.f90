@@ -15,7 +15,7 @@ module viscovib_wanted_states
   type :: wanted_states
     !> Ascending; how many were reached, and the states there, shape (2 n_dof, n).
     real(wp), allocatable :: times(:), states(:, :)
-    !> Accelerations there, shape (n_dof, n); not allocated: not wanted.
+    !> Accelerations there, relative to the base, then forces of laws; not allocated: not wanted.
     real(wp), allocatable :: accelerations(:, :)
     integer :: n_reached = 0
     !> The motion up to one of them could not be followed.
@@ -30,14 +30,17 @@ module viscovib_wanted_states
 contains
 
   !> None is reached yet.
-  pure subroutine begin(self, times, n_dof, accelerates)
+  subroutine begin(self, times, n_states, system, accelerates)
     class(wanted_states), intent(inout) :: self
     real(wp), intent(in) :: times(:)
-    integer, intent(in) :: n_dof
+    integer, intent(in) :: n_states
+    class(driven_system_type), intent(in) :: system
     logical, intent(in) :: accelerates
+    integer :: n
     self%times = times
-    allocate (self%states(2*n_dof, size(times)))
-    if (accelerates) allocate (self%accelerations(n_dof, size(times)), source=0.0_wp)
+    allocate (self%states(n_states, size(times)))
+    n = system%n_dof - system%n_hidden + system%n_laws()
+    if (accelerates) allocate (self%accelerations(n, size(times)), source=0.0_wp)
   end subroutine begin
 
   !> Whether the next is in a step from a time on.
@@ -55,8 +58,10 @@ contains
     class(stepper_type), intent(in) :: method
     class(driven_system_type), intent(in) :: system
     real(wp), intent(in) :: now
-    real(wp) :: q(size(method%q)), v(size(method%v)), ahead
+    real(wp) :: q(size(method%q)), v(size(method%v)), a(size(method%q)), ahead
+    real(wp) :: force(system%n_laws())
     type(stop_type) :: stop
+    integer :: n
     logical :: made
 
     do while (self%n_reached < size(self%times))
@@ -80,27 +85,16 @@ contains
       self%n_reached = self%n_reached + 1
       if (counting) call count_up(counted_states, 1)
       if (allocated(self%accelerations)) then
-        self%accelerations(:, self%n_reached) = &
-          acceleration_of(system, self%times(self%n_reached), q, v)
+        n = system%n_dof
+        call system%law_forces(self%times(self%n_reached), q(:n), v(:n), a(:n), force)
+        n = n - system%n_hidden
+        self%accelerations(:, self%n_reached) = [a(:n), force]
       end if
       call system%add_base(self%times(self%n_reached), q, v)
       self%states(1::2, self%n_reached) = q
       self%states(2::2, self%n_reached) = v
     end do
   end subroutine keep_between
-
-  !> Accelerations relative to the base.
-  function acceleration_of(system, t, q, v) result(acceleration)
-    class(driven_system_type), intent(in) :: system
-    real(wp), intent(in) :: t, q(:), v(:)
-    real(wp) :: acceleration(size(q)), a(n_lanes, system%n_dof)
-    integer :: n
-    n = system%n_dof
-    call system%acceleration(spread(q(:n), 1, n_lanes), spread(v(:n), 1, n_lanes), &
-                             system%drive_at(spread(t, 1, n_lanes)), a)
-    acceleration = 0.0_wp
-    acceleration(:n) = a(1, :)
-  end function acceleration_of
 
   !> States at the wanted times before `until`, by the motion inside a step.
   subroutine keep_along(self, path, until)

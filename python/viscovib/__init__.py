@@ -56,7 +56,9 @@ _NAMES = {
     "results.ensemble": "Ensemble",
     "results.response": "Peak Response",
     "results.modulation": "Modulation Resonance",
+    "results.located_peaks": "LocatedPeak",
     "results.motion_branch": "MotionBranch",
+    "results.motion_forces": "ElementForces FloorForce MountForcesInTime PointMotion",
     "results.scales": "ScalesMotion ScalesResponse",
     "results.steady_motion": "SteadyMotion",
     "results.trajectory": "Trajectory",
@@ -215,11 +217,18 @@ if TYPE_CHECKING:
         Crossing as Crossing,
     )
     from viscovib.results.ensemble import Ensemble as Ensemble
+    from viscovib.results.located_peaks import LocatedPeak as LocatedPeak
     from viscovib.results.modulation import (
         Modulation as Modulation,
         Resonance as Resonance,
     )
     from viscovib.results.motion_branch import MotionBranch as MotionBranch
+    from viscovib.results.motion_forces import (
+        ElementForces as ElementForces,
+        FloorForce as FloorForce,
+        MountForcesInTime as MountForcesInTime,
+        PointMotion as PointMotion,
+    )
     from viscovib.results.response import (
         Peak as Peak,
         Response as Response,

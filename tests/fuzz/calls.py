@@ -154,6 +154,14 @@ SOUND = (
     f"vv.trace_response({BODY}, (15.0, 25.0), load=[0, 0, 10, 0, 0, 0], harmonics=3, "
     "max_points=60)",
     f"vv.simulate({BODY}, t_end=0.1, dt=0.001, initial=[0, 0, 1e-3, 0, 0, 0] + [0] * 6)",
+    f"vv.simulate({BODY}, t_end=0.1, dt=0.005, initial=[0, 0, 1e-3, 0, 0, 0] + [0] * 6)"
+    ".mount_forces()",
+    f"vv.simulate({BODY}, t_end=0.1, dt=0.005, initial=[0, 0, 1e-3, 0, 0, 0] + [0] * 6)"
+    ".floor_force(about=[0, 0, 0.1])",
+    f"vv.simulate({BODY}, t_end=0.1, dt=0.005, initial=[0, 0, 1e-3, 0, 0, 0] + [0] * 6)"
+    ".motion_of(point='foot', relative=True)",
+    f"vv.simulate({STRUCTURE}, t_end=5, dt=0.1, initial=[0.1, 0, 0, 0, 0, 0]).element_forces()",
+    f"vv.simulate({STOP}, t_end=5, dt=0.1, initial=[0.1, 0]).peak(quantity='x_ddot')",
     f"vv.plot_energy(modes={BODY}.modes())",
     f"vv.plot_transmissibility(body={BODY}, hz=[5.0, 10.0], axis='z')",
     f"vv.plot_van_gurp(data={DATA})",

@@ -99,6 +99,10 @@ def _forces():
     return ENGINE.mount_forces(moved)
 
 
+def _shaken():
+    return vv.simulate(ENGINE, 0.05, dt=0.005, initial=[1e-3, 0] * 6)
+
+
 RESULTS |= {
     "motion that repeats": lambda: vv.steady_motion(DUFFING, 0.7, load=0.1),
     "branch of motions": lambda: vv.trace_motion(DUFFING, (0.7, 0.8), load=0.1, max_step=0.2),
@@ -108,6 +112,10 @@ RESULTS |= {
     "body response": lambda: vv.forced_response(ENGINE, [10, 20], load=ENGINE.load((0, 0, 10))),
     "body modes": ENGINE.modes,
     "mount forces": _forces,
+    "mount forces in time": lambda: _shaken().mount_forces(),
+    "motion of a point": lambda: _shaken().motion_of("foot"),
+    "floor force": lambda: _shaken().floor_force(),
+    "element forces": lambda: RESULTS["structure motion"]().element_forces(),
     "modulation": lambda: vv.MultipleScales(BODY).modulation([0, 1, 2], [0.1, 0, 0.1, 0, 0, 0]),
     "scales motion": lambda: vv.MultipleScales(BODY).motion([0, 1, 2], [0.1, 0, 0.1, 0, 0, 0]),
     "beating motion": lambda: vv.MultipleScales(BEATING).response("p1", [1.01]).beating(0),
@@ -127,6 +135,7 @@ PARTS = {
     "characteristic roots": DUFFING.characteristic_roots,
     "free decay": lambda: vv.free_decay(_free_motion()),
     "sag": ENGINE.sag,
+    "peak of a motion": lambda: _estimated().peak("x"),
     "profile": lambda: vv.fit_kernel(_modulus()).profile("alpha"),
     "optimum": lambda: vv.fit_kernel(_modulus()).optima[0],
     "band": lambda: vv.propagate(vv.fit_kernel(_modulus()), lambda s: s.modulus, samples=20),
@@ -138,6 +147,7 @@ PARTS = {
 }
 DRAWN = set(RESULTS) - {
     "basins", "ensemble", "ensemble with an estimate", "lines", "body modes",
+    "mount forces in time", "motion of a point", "floor force", "element forces",
     "mount forces", "modulation", "scales motion", "beating motion", "master curve",
     "kramers kronig", "fit", "prony fit",
 }  # fmt: skip

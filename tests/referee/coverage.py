@@ -20,6 +20,7 @@ _ARRAYS = "its own arrays, which test_results compares"
 _PICTURE = "a picture: numbers are those of the result it is given"
 _WHOLE = "tests/python/test_structure.py compares it with the whole system"
 _SHOCK = "tests/python/test_shock_spectra.py: exact solutions of 1000 random records"
+_ALONG = "tests/python/test_motion_results.py: balances of momentum and energy, closed forms"
 _MODES = "tests/python/test_modal_model.py compares it with the whole structure"
 NOTHING_TO_JUDGE = {
     "Kernel.plot": "a picture: tests/python/test_kernels.py reads its curves",
@@ -46,6 +47,28 @@ NOTHING_TO_JUDGE = {
     "SteadyMotion.to_dataset": "its own arrays, which test_steady_motion compares",
     "Trajectory.dof_units": "units, as the system names them",
     "Trajectory.rate_units": "units, as the system names them",
+    "Trajectory.mount_forces": _ALONG,
+    "Trajectory.element_forces": _ALONG,
+    "Trajectory.motion_of": _ALONG,
+    "Trajectory.floor_force": _ALONG,
+    "Trajectory.peak": _ALONG,
+    "LocatedPeak": _ALONG,
+    "MountForcesInTime": _ALONG,
+    "MountForcesInTime.force": _ALONG,
+    "MountForcesInTime.work": _ALONG,
+    "MountForcesInTime.dissipated": _ALONG,
+    "MountForcesInTime.of": _ALONG,
+    "MountForcesInTime.to_dataset": _ARRAYS,
+    "ElementForces": _ALONG,
+    "ElementForces.force": _ALONG,
+    "ElementForces.work": _ALONG,
+    "ElementForces.dissipated": _ALONG,
+    "ElementForces.of": _ALONG,
+    "ElementForces.to_dataset": _ARRAYS,
+    "PointMotion": _ALONG,
+    "PointMotion.to_dataset": _ARRAYS,
+    "FloorForce": _ALONG,
+    "FloorForce.to_dataset": _ARRAYS,
     "Trajectory.acceleration": "tests/python/test_motion_results.py: SciPy, and velocities",
     "Trajectory.acceleration_units": "units, as the system names them",
     "Trajectory.reason": "tests/python/test_law_ends.py: the edge of each law, by SciPy",

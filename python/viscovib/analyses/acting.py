@@ -11,6 +11,7 @@ from viscovib import _native
 from viscovib._native import ComplexArray, FloatArray
 from viscovib.common.mesh import Mesh
 from viscovib.errors import InputError
+from viscovib.kernels.relaxation import Kernel
 
 #: Gauss nodes of a panel, as in the core, and the places of a panel's points.
 _NODES = 8
@@ -110,14 +111,12 @@ def panel_ends(mesh: Mesh | None, h: float, until: float, *, graded: bool) -> Fl
         ends = mesh.times(np.arange(mesh.count + 1))
         corners = np.append(0.0, mesh.ends[:-1])
     ends = np.append(ends[ends < until * (1 - 1e-14)], until)
-    if not graded:
-        return ends
     added = [ends]
-    for t in corners[corners < ends[-1]]:
+    for t in corners[corners < ends[-1]] if graded else ():
         length = ends[np.searchsorted(ends, t, side="right")] - t
         n = _AT_START if t == 0 else _AT_CORNER
-        parts = length * 0.5 ** np.arange(1, n + 1)
-        added.append(t + parts[parts > _SHORTEST * np.spacing(t)])
+        later = length * 0.5 ** np.arange(1, n + 1)
+        added.append(t + later[later > _SHORTEST * np.spacing(t)])
     return np.unique(np.concatenate(added))
 
 
@@ -129,6 +128,8 @@ class Panels:
     u: FloatArray
     rate: FloatArray
     held: FloatArray
+    #: Forces of laws that states alone do not give, shape (n_points, n_laws); nan before t = 0.
+    laws: FloatArray
 
     @classmethod
     def of(
@@ -146,7 +147,7 @@ class Panels:
             )
         t = (ends[:-1, np.newaxis] + np.diff(ends)[:, np.newaxis] * _PLACES).ravel()
         wanted, back = np.unique(np.minimum(t, ends[-1]), return_inverse=True)
-        u, rate = (one[back] for one in states(wanted))
+        u, rate, laws = (one[back] for one in states(wanted))
         cuts = past.before
         if cuts.size > 1:
             parts = np.linspace(cuts[:-1], cuts[1:], _OF_PAST, endpoint=False, axis=1)
@@ -156,30 +157,51 @@ class Panels:
             old = np.stack([np.interp(at, cuts, one) for one in past.moved], axis=1)
             speed = np.repeat(speeds, _OF_PAST * _PLACES.size, axis=1).T
             u, rate = np.concatenate([old, u]), np.concatenate([speed, rate])
+            laws = np.concatenate([np.full((at.size, laws.shape[1]), np.nan), laws])
             ends = np.concatenate([early[:-1], ends])
-        return cls(ends, u, rate, past.held)
+        return cls(ends, u, rate, past.held, laws)
+
+    def recalled(
+        self, kernel: Kernel, values: FloatArray, held: FloatArray, t: FloatArray
+    ) -> FloatArray:
+        """Return R*g at ascending times (n,), of values of g at the points, shape (n_points, m)."""
+        found = _native.run_either(
+            True, "kernel convolve", kernel._handle, ends=self.ends,
+            values=np.asfortranarray(values), held=np.array(held, dtype=float), times=t,
+        )  # fmt: skip
+        return np.asarray(found["recalled"])
 
 
-def accelerations(
-    system: _native.Handle,
-    t: FloatArray,
-    u: FloatArray,
-    rate: FloatArray,
-    acting: Acting,
-    panels: Panels | None,
-) -> FloatArray:
-    """Return accelerations of the body, shape (n_times, n), by the equations of motion.
+@dataclass(frozen=True)
+class KnownMotion:
+    """A motion relative to the base at ascending times, and what acts along it."""
 
-    At states relative to the base; ``panels``: the motion until then, of systems with memory.
-    """
-    given = {"u": u, "rate": rate, "load": acting.load}
+    system: _native.Handle
+    t: FloatArray
+    #: Shape (n_times, n).
+    u: FloatArray
+    rate: FloatArray
+    acting: Acting
+    #: The motion until then; None: the system has no memory.
+    panels: Panels | None
+    #: Accelerations relative to the base and forces of laws, of motions on surfaces of laws.
+    push: FloatArray | None = None
+    laws: FloatArray | None = None
+
+
+def accelerations(motion: KnownMotion) -> FloatArray:
+    """Return accelerations of the body, shape (n_times, n), by the equations of motion."""
+    acting, panels = motion.acting, motion.panels
+    if motion.push is not None:
+        return motion.push + acting.push
+    given = {"u": motion.u, "rate": motion.rate, "load": acting.load}
     if panels is not None:
         given |= {
-            "times": t, "ends": panels.ends, "panel_u": panels.u, "panel_rate": panels.rate,
+            "times": motion.t, "ends": panels.ends, "panel_u": panels.u, "panel_rate": panels.rate,
             "held": panels.held,
         }  # fmt: skip
     found = _native.run_either(
-        panels is not None, "motion accelerations", system,
+        panels is not None, "motion accelerations", motion.system,
         **{name: np.asfortranarray(value) for name, value in given.items()},
     )  # fmt: skip
     if found["singular"]:

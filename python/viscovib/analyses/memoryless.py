@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from viscovib import _native
 from viscovib._native import FloatArray
-from viscovib.analyses.acting import EarlierMotion, Loads
+from viscovib.analyses.acting import EarlierMotion, KnownMotion, Loads
 from viscovib.analyses.hereditary import (
     EVER,
     NODES,
@@ -372,21 +372,39 @@ class PolynomialRun(Run):
         return known
 
     def acting(self) -> tuple[_native.Handle, Loads, EarlierMotion | None]:
-        """The system and its loads; what has memory has surfaces as well."""
+        """The system, its loads, and its past; None: it has no memory."""
         motion, job = self.motion, self.job
+        past = EarlierMotion(*job[12]) if self.hidden else None
         if motion is not None:
-            return self.system_in_core, motion.acting, None
+            return self.system_in_core, motion.acting, past
         orders, series, frequency, breaks, pieces = job[1:6]
-        n = pieces.shape[0]
-        return self.system_in_core, Loads(orders * frequency, series[:n], breaks, pieces), None
+        loads = Loads(orders * frequency, series[: len(job[6])], breaks, pieces)
+        return self.system_in_core, loads, past
 
-    def accelerations(self, kept: Trajectory) -> FloatArray:
+    @property
+    def smooth_memory(self) -> bool:
+        """Whether all kernels are sums of exponentials."""
+        return not self.represented
+
+    def along(self, kept: Trajectory, *, remembers: bool = True) -> KnownMotion:
         """As of other runs; on surfaces of laws by the equations of the side that it is on."""
         if not (self.switched.size or self.hidden):
-            return super().accelerations(kept)
-        found: list[FloatArray] = []
-        self.states_at(kept.t, kept, found)
-        return np.concatenate(found) + self.acting()[1].at(kept.t).push
+            return super().along(kept, remembers=remembers)
+        system, loads, past = self.acting()
+        n = len(self.job[6])
+
+        def states(t: FloatArray) -> tuple[FloatArray, ...]:
+            found: list[FloatArray] = []
+            state, now = self.states_at(t, kept, found), loads.at(t)
+            gathered.append(np.concatenate(found) if found else np.zeros((0, n)))
+            return state[:, ::2] - now.place, state[:, 1::2] - now.speed, gathered[-1][:, n:]
+
+        gathered: list[FloatArray] = []
+        u, rate, laws = states(kept.t)
+        push, panels = gathered[0][:, :n], None
+        if past is not None and remembers and kept.t.size:
+            panels = self._panels(kept, past, states)
+        return KnownMotion(system, kept.t, u, rate, loads.at(kept.t), panels, push, laws)
 
     def power(self, t: FloatArray, state: FloatArray) -> FloatArray:
         """Power of load and damping."""

@@ -14,8 +14,16 @@ import numpy.typing as npt
 
 from viscovib import _native
 from viscovib._native import FloatArray
-from viscovib.analyses.acting import EarlierMotion, Loads, Panels, accelerations, panel_ends
+from viscovib.analyses.acting import (
+    EarlierMotion,
+    KnownMotion,
+    Loads,
+    Panels,
+    accelerations,
+    panel_ends,
+)
 from viscovib.analyses.events import Watch
+from viscovib.analyses.forces_in_time import element_forces, mount_forces
 from viscovib.bodies.body import Body
 from viscovib.bodies.turning import told_like
 from viscovib.common.counts import things
@@ -24,6 +32,7 @@ from viscovib.common.past import check_start
 from viscovib.common.plan import Plan
 from viscovib.common.progress import SILENT, Bar, progress_bar
 from viscovib.errors import InputError
+from viscovib.results.motion_forces import ElementForces, MountForcesInTime
 from viscovib.results.trajectory import OUTCOMES, Trajectory
 from viscovib.systems.oscillators import Oscillator
 from viscovib.systems.pendulum import Pendulum
@@ -272,6 +281,8 @@ class Run(ABC):
         self.looks: FloatArray = nothing(0)
         #: Accelerations at wanted times, piece by piece, if these are wanted.
         self.accelerated: list[FloatArray] | None = None
+        #: The motion on panels until a time, as what springs remember needs it.
+        self.on_panels: tuple[float, Panels] | None = None
 
     def on(self, mesh: Mesh) -> Run:
         """The same run in the steps of a mesh."""
@@ -534,33 +545,69 @@ class Run(ABC):
 
     def accelerations(self, kept: Trajectory) -> FloatArray:
         """Accelerations of the states that ``kept`` holds, by the equations of motion."""
-        return self._balanced(kept, kept.t, kept.state)
+        return accelerations(self.along(kept, remembers=False))
 
-    def _balanced(self, kept: Trajectory, t: FloatArray, state: FloatArray) -> FloatArray:
-        """The same at ascending times and states of all coordinates."""
+    def floor(self, kept: Trajectory) -> tuple[FloatArray, ...]:
+        """Displacements, velocities and accelerations that the base gives the coordinates."""
+        now = self.acting()[1].at(kept.t)
+        return now.place, now.speed, now.push
+
+    def mount_forces(self, kept: Trajectory) -> MountForcesInTime:
+        """Forces of the mounts of a body."""
+        return mount_forces(self.system, self.along(kept))
+
+    def element_forces(self, kept: Trajectory) -> ElementForces:
+        """Forces of elements or springs."""
+        return element_forces(self.system, self.along(kept))
+
+    def along(self, kept: Trajectory, *, remembers: bool = True) -> KnownMotion:
+        """What acts along the states that ``kept`` holds.
+
+        ``remembers``: whether what springs remember is needed besides accelerations.
+        """
+        return self._along(kept, kept.state)
+
+    def _along(self, kept: Trajectory, state: FloatArray) -> KnownMotion:
+        """The same of states of all coordinates."""
         system, loads, past = self.acting()
+        none = nothing(0)
 
-        def relative(t: FloatArray, state: FloatArray) -> tuple[FloatArray, FloatArray]:
+        def relative(t: FloatArray, state: FloatArray) -> tuple[FloatArray, ...]:
             now = loads.at(t)
-            return state[:, ::2] - now.place, state[:, 1::2] - now.speed
+            laws = none.reshape(1, 0).repeat(t.size, axis=0)
+            return state[:, ::2] - now.place, state[:, 1::2] - now.speed, laws
 
         panels = None
-        if past is not None and t.size:
-            until = max(float(t[-1]), 1e-3 * self.h)
-            if until > kept.t_reached:
-                until = kept.t_reached
-            ends = panel_ends(self.mesh, self.h, until, graded=not self.smooth_memory)
-            panels = Panels.of(
-                ends, past, lambda at: relative(at, self.states_at(at, kept)[:, : state.shape[1]])
+        if past is not None and kept.t.size:
+            panels = self._panels(
+                kept, past, lambda at: relative(at, self.states_at(at, kept)[:, : state.shape[1]])
             )
-        return accelerations(system, t, *relative(t, state), loads.at(t), panels)
+        u, rate, _ = relative(kept.t, state)
+        return KnownMotion(system, kept.t, u, rate, loads.at(kept.t), panels)
+
+    def _panels(
+        self,
+        kept: Trajectory,
+        past: EarlierMotion,
+        states: Callable[[FloatArray], tuple[FloatArray, ...]],
+    ) -> Panels:
+        """The whole motion on panels, made once."""
+        until = max(kept.t_reached, 1e-3 * self.h)
+        if self.on_panels is None or self.on_panels[0] != until:
+            ends = panel_ends(self.mesh, self.h, until, graded=not self.smooth_memory)
+            self.on_panels = until, Panels.of(ends, past, states)
+        return self.on_panels[1]
+
+    def gather_all(self, accelerated: list[FloatArray]) -> None:
+        """Keep all coordinates from now on, and gather accelerations and forces of laws."""
+        self.watch, self.accelerated = None, accelerated
 
     def states_at(
         self, times: FloatArray, kept: Trajectory, accelerated: list[FloatArray] | None = None
     ) -> FloatArray:
         """States at ascending times of the run that ``kept`` holds, by making it once more.
 
-        ``accelerated``: gathers accelerations relative to the base at these times.
+        ``accelerated``: gathers accelerations relative to the base, then forces of laws.
         """
         latest: Run | None = None
         found = []
@@ -572,7 +619,7 @@ class Run(ABC):
             part.prepare(self, 1)
             part.mesh = self.mesh
             if accelerated is not None:
-                part.watch, part.accelerated = None, accelerated
+                part.gather_all(accelerated)
             begin, until = part.time, self._time_after(done)
             last = done == self.done and maker is self.maker
             here = times[(times >= begin) & ((times < until) | last)]

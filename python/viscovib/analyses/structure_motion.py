@@ -15,7 +15,7 @@ import numpy.typing as npt
 
 from viscovib import _native
 from viscovib._native import FloatArray
-from viscovib.analyses.acting import EarlierMotion, Loads
+from viscovib.analyses.acting import EarlierMotion, KnownMotion, Loads
 from viscovib.analyses.hereditary import FIRST, NODES, PASTS, MountRun, history_of
 from viscovib.analyses.kept_numbers import of_structure
 from viscovib.analyses.memoryless import reads_rates, switches_by_itself
@@ -423,10 +423,13 @@ class StructureRun(MountRun):
 
     def accelerations(self, kept: Trajectory) -> FloatArray:
         """Of the coordinates that are kept, from a run that keeps all of them."""
-        n, places = self.motion.start.size, self.motion.places
+        return super().accelerations(kept)[:, self.motion.places]
+
+    def along(self, kept: Trajectory, *, remembers: bool = True) -> KnownMotion:
+        """As of other runs, of all coordinates."""
         whole = self._of_all()
-        state = kept.state if places.size == n else whole.states_at(kept.t, kept)
-        return whole._balanced(kept, kept.t, state)[:, places]
+        state = kept.state if whole is self else whole.states_at(kept.t, kept)
+        return whole._along(kept, state)
 
     def _of_all(self) -> StructureRun:
         """The same run, which keeps all coordinates."""

@@ -211,6 +211,11 @@ class WholeRun(PolynomialRun):
         found = super().accelerations(kept)
         return found if self.places is None else found[:, self.places]
 
+    def gather_all(self, accelerated: list[FloatArray]) -> None:
+        """Keep all coordinates from now on, and gather accelerations and forces of laws."""
+        super().gather_all(accelerated)
+        self.places = None
+
     @property
     def _judged(self) -> npt.NDArray[np.intp]:
         """The coordinates that are kept."""

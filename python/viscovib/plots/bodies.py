@@ -18,6 +18,7 @@ from viscovib.errors import InputError
 from viscovib.plots.axes import Shown
 from viscovib.plots.panels import panel, panels
 from viscovib.plots.style import COLOURS, STYLES, bare, plain
+from viscovib.results.motion_forces import MountForcesInTime
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -244,6 +245,29 @@ def plot_mount_forces(
         shown.finish(axis)
         bare(axis)
     axes[-1].set_xlabel(shown.x_label("circular frequency (rad/s)", True))
+    return axes
+
+
+def plot_mount_forces_in_time(
+    forces: MountForcesInTime, ax: Axes | Sequence[Axes] | None = None
+) -> Sequence[Axes]:
+    """Draw forces along the local axes over time, a panel for each mount.
+
+    Parameters
+    ----------
+    forces : MountForcesInTime
+    ax : Axes or sequence of Axes, optional
+        One per mount. None creates a figure.
+    """
+    axes = panels(ax, len(forces.names), "one per mount")
+    for axis, name in zip(axes, forces.names, strict=True):
+        for i, local in enumerate("xyz"):
+            style = {"color": COLOURS[i], "linestyle": STYLES[i]}
+            axis.plot(forces.t, forces.of(name)[:, i], label=local, **style)
+        axis.set_ylabel(f"force of {plain(name)} (N)")
+        axis.legend(frameon=False)
+        bare(axis)
+    axes[-1].set_xlabel("$t$ (s)")
     return axes
 
 

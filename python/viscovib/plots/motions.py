@@ -15,6 +15,7 @@ from viscovib.plots.axes import Shown, logarithmic
 from viscovib.plots.panels import Labels, panel, panels
 from viscovib.plots.style import COLOURS, STYLES, bare, in_brackets, plain, symbol
 from viscovib.results.ensemble import Ensemble
+from viscovib.results.motion_forces import ElementForces, FloorForce, PointMotion
 from viscovib.results.steady_motion import SteadyMotion
 from viscovib.results.trajectory import Trajectory
 
@@ -31,6 +32,28 @@ _DOTS: dict[str, Any] = {
     "color": COLOURS[0],
     "rasterized": True,
 }
+
+
+def plot_in_time(
+    result: ElementForces | PointMotion | FloorForce, ax: Axes | Sequence[Axes] | None = None
+) -> Sequence[Axes]:
+    """Draw the curves of a result over time, an axis for each.
+
+    Parameters
+    ----------
+    result : ElementForces, PointMotion or FloorForce
+    ax : Axes or sequence of Axes, optional
+        One per curve. None creates a figure.
+    """
+    curves = result.panels()
+    axes = panels(ax, len(curves), "one per curve")
+    for axis, curve in zip(axes, curves, strict=True):
+        axis.plot(curve.x, curve.y, color=COLOURS[0])
+        unit = f" ({curve.unit})" if curve.unit else ""
+        axis.set_ylabel(f"{plain(curve.name)}{unit}")
+        bare(axis)
+    axes[-1].set_xlabel(curves[-1].x_label)
+    return axes
 
 
 def plot_trajectory(

@@ -18,8 +18,14 @@ from viscovib.common.files import whole_file
 from viscovib.common.results import Result
 from viscovib.errors import InputError, near_name
 from viscovib.plots.axes import moving
-from viscovib.plots.bodies import plot_mount_forces
-from viscovib.plots.motions import motion_axes, plot_sections, plot_spectrum, plot_trajectory
+from viscovib.plots.bodies import plot_mount_forces, plot_mount_forces_in_time
+from viscovib.plots.motions import (
+    motion_axes,
+    plot_in_time,
+    plot_sections,
+    plot_spectrum,
+    plot_trajectory,
+)
 from viscovib.plots.scales import moving as moving_steadily, plot_modulation, plot_scales_response
 from viscovib.plots.shocks import plot_shock_spectrum
 from viscovib.plots.steady import plot_backbone, plot_branch, plot_motion_branch, plot_response
@@ -28,6 +34,12 @@ from viscovib.results.branch import Branch
 from viscovib.results.ensemble import Ensemble
 from viscovib.results.modulation import Modulation
 from viscovib.results.motion_branch import MotionBranch
+from viscovib.results.motion_forces import (
+    ElementForces,
+    FloorForce,
+    MountForcesInTime,
+    PointMotion,
+)
 from viscovib.results.response import Response, lowest_order
 from viscovib.results.scales import ScalesResponse
 from viscovib.results.steady_motion import SteadyMotion
@@ -183,6 +195,10 @@ _PLOTTED: dict[type, Any] = {
     Ensemble: plot_sections,
     Modulation: plot_modulation,
     MountForces: plot_mount_forces,
+    MountForcesInTime: plot_mount_forces_in_time,
+    ElementForces: plot_in_time,
+    PointMotion: plot_in_time,
+    FloorForce: plot_in_time,
 }
 
 

@@ -6,13 +6,15 @@ import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, overload
 
 import numpy as np
 import numpy.typing as npt
 
 from viscovib import _native
 from viscovib._native import FloatArray
+from viscovib.bodies.checks import checked_vector
+from viscovib.bodies.in_time import point_moved
 from viscovib.common.counts import things
 from viscovib.common.parameters import Flag
 from viscovib.common.plan import Plan, wanted_places
@@ -20,6 +22,13 @@ from viscovib.common.results import Number, Panel, Result, named, span
 from viscovib.common.tables import Table, listed_units
 from viscovib.common.values import Value
 from viscovib.errors import InputError
+from viscovib.results.located_peaks import LocatedPeak, Quantity, find_peaks
+from viscovib.results.motion_forces import (
+    ElementForces,
+    FloorForce,
+    MountForcesInTime,
+    PointMotion,
+)
 from viscovib.systems.law_ends import law_end as end_of_law, told_edges
 from viscovib.systems.law_poles import (
     Layer,
@@ -418,11 +427,191 @@ class Trajectory(Result):
         >>> float(run.acceleration[0, 0])
         -4.0
         """
-        if self._resume is None:
-            raise InputError("acceleration: this motion does not contain its equations")
-        found = np.asarray(self._resume.accelerations(self))
+        found = np.asarray(self._equations("acceleration").accelerations(self))
         found.setflags(write=False)
         return found
+
+    def mount_forces(self) -> MountForcesInTime:
+        """Return deflections, forces and moments of the mounts of a body along the motion.
+
+        They are those of `Body.mount_forces`, in time: along the local axes of each mount, without
+        the static part, with their elastic, damping and memory parts. With memory, the run is
+        computed once more, at the points of its steps.
+
+        Raises
+        ------
+        InputError
+            For systems other than a `Body`.
+
+        Examples
+        --------
+        >>> import viscovib as vv
+        >>> foot = vv.MountPoint(
+        ...     name="foot", position=(0, 0, 0), stiffness=(1e5, 1e5, 2e5),
+        ...     rotational_stiffness=(1e3, 1e3, 1e3),
+        ... )
+        >>> body = vv.Body(mass=5, inertia=(0.1, 0.2, 0.3), mounts=[foot])
+        >>> run = vv.simulate(body, 0.1, initial=[0, 0, 0, 0, 1e-3, 0, 0, 0, 0, 0, 0, 0])
+        >>> run.mount_forces().force.shape == (run.t.size, 1, 3)
+        True
+        """
+        return self._mount_forces
+
+    @cached_property
+    def _mount_forces(self) -> MountForcesInTime:
+        found: MountForcesInTime = self._equations("mount_forces").mount_forces(self)
+        return found
+
+    def element_forces(self) -> ElementForces:
+        """Return deflections and forces of elements and springs along the motion.
+
+        Of a `Structure` these are its elements (without `Coupling`), with the forces of friction
+        and hysteresis as the run has them. Of a `PolynomialSystem` they are the forces of each
+        group of springs on each coordinate; the damping matrix acts with the first group. Of a
+        `Mount` they are the springs of x and phi, without the damping matrix.
+
+        Raises
+        ------
+        InputError
+            For a `Body` (see `mount_forces`) and a `Pendulum`.
+
+        Examples
+        --------
+        >>> import viscovib as vv
+        >>> system = vv.PolynomialSystem(mass=1, stiffness=4, damping=0.1)
+        >>> run = vv.simulate(system, 5, dt=0.1, initial=[1, 0])
+        >>> float(run.element_forces().force[0, 0])
+        4.0
+        """
+        found: ElementForces = self._equations("element_forces").element_forces(self)
+        return found
+
+    def motion_of(self, point: str | npt.ArrayLike, *, relative: bool = False) -> PointMotion:
+        """Return displacement, velocity and acceleration of a point of a body.
+
+        Parameters
+        ----------
+        point : str or array_like, shape (3,)
+            The name of a mount, or a point (m) in the axes of the mounts' positions.
+        relative : bool
+            Relative to the floor at this point, instead of absolute.
+
+        Returns
+        -------
+        PointMotion
+            Arrays of shape (n, 3), along the axes of the positions.
+
+        Examples
+        --------
+        >>> import viscovib as vv
+        >>> foot = vv.MountPoint(name="foot", position=(0, 0, 0), stiffness=(1e5, 1e5, 2e5))
+        >>> body = vv.Body(mass=5, inertia=(0.1, 0.2, 0.3), mounts=[foot])
+        >>> run = vv.simulate(body, 0.1, initial=[0, 0, 0, 0, 1e-3, 0, 0, 0, 0, 0, 0, 0])
+        >>> run.motion_of("foot").velocity.shape == (run.t.size, 3)
+        True
+        """
+        body = self._body("motion_of")
+        Flag("relative").check(relative)
+        if isinstance(point, str):
+            names = tuple(mount.name for mount in body.mounts)
+            _native.choice("point", point, names)
+            point = np.asarray(body.mounts[names.index(point)].position)
+        arm = body._arm("point", point)
+        moved = [self.state[:, ::2], self.state[:, 1::2], self.acceleration]
+        found = point_moved(arm, *moved, turns=body._turns)
+        if relative:
+            floor = self._equations("motion_of").floor(self)
+            found = tuple(
+                one - (base[:, :3] + np.cross(base[:, 3:6], arm))
+                for one, base in zip(found, floor, strict=True)
+            )
+        return PointMotion(self.t, *found)
+
+    def floor_force(self, about: npt.ArrayLike = (0.0, 0.0, 0.0)) -> FloorForce:
+        """Return the resultant force and moment of all mounts of a body on the floor.
+
+        Parameters
+        ----------
+        about : array_like, shape (3,)
+            Point about which the moment is taken (m), in the axes of the mounts' positions.
+
+        Returns
+        -------
+        FloorForce
+            Arrays of shape (n, 3), without the static part.
+
+        Examples
+        --------
+        >>> import viscovib as vv
+        >>> foot = vv.MountPoint(name="foot", position=(0.1, 0, 0), stiffness=(1e5, 1e5, 2e5))
+        >>> body = vv.Body(mass=5, inertia=(0.1, 0.2, 0.3), mounts=[foot])
+        >>> run = vv.simulate(body, 0.1, initial=[0, 0, 0, 0, 1e-3, 0, 0, 0, 0, 0, 0, 0])
+        >>> on_floor = run.floor_force()
+        >>> on_floor.force[0].round(6).tolist(), on_floor.moment[0].round(6).tolist()
+        ([0.0, 0.0, 200.0], [0.0, -20.0, 0.0])
+        """
+        self._body("floor_force")
+        return self._floor_about(checked_vector("about", about))
+
+    @cached_property
+    def _floor_force(self) -> FloorForce:
+        return self._floor_about(np.zeros(3))
+
+    def _floor_about(self, point: FloatArray) -> FloorForce:
+        mounts = self._mount_forces
+        force = np.einsum("iab,nib->nia", mounts.axes, mounts.force)
+        moment = np.einsum("iab,nib->nia", mounts.axes, mounts.moment)
+        moment = moment + np.cross(mounts.point - point, force)
+        return FloorForce(self.t, force.sum(axis=1), moment.sum(axis=1), point)
+
+    @overload
+    def peak(self, quantity: Quantity) -> LocatedPeak: ...
+
+    @overload
+    def peak(self, quantity: list[Quantity]) -> list[LocatedPeak]: ...
+
+    def peak(self, quantity: Quantity | list[Quantity]) -> LocatedPeak | list[LocatedPeak]:
+        """Return the largest magnitude of a quantity, located between the states kept.
+
+        Around the largest kept values the motion is computed at 17 points. The polynomial through
+        them gives the peak, and the polynomial through every second of them its error. Peaks
+        narrower than the spacing of the states are not seen.
+
+        Parameters
+        ----------
+        quantity : str, function, or list of these
+            "x", "x_dot", "x_ddot": a coordinate, its velocity and its acceleration; of a `Body`
+            also "foot.z": a mount's force along a local axis, and "floor.z": the force on the
+            floor. A function takes a `Trajectory` and returns an array of shape (n,), such as
+            ``lambda run: run.motion_of(point).acceleration[:, 2]``.
+
+        Returns
+        -------
+        LocatedPeak or list of LocatedPeak
+            Value with its sign, time and estimated error. A list is computed in one pass.
+
+        Examples
+        --------
+        >>> import viscovib as vv
+        >>> system = vv.PolynomialSystem(mass=2, stiffness=8)
+        >>> run = vv.simulate(system, 4, dt=0.2, initial=[0, 1])
+        >>> [round(one.value, 9) for one in run.peak(["x", "x_ddot"])]
+        [0.5, -2.0]
+        """
+        if isinstance(quantity, list):
+            return find_peaks(self, quantity)
+        return find_peaks(self, [quantity])[0]
+
+    def _body(self, name: str) -> Any:
+        if not hasattr(self.system, "mounts"):
+            kind = type(self.system).__name__
+            raise InputError(f"{name}: is for motions of a Body, this is one of a {kind}")
+        return self.system
+
+    def _equations(self, name: str) -> Any:
+        if self._resume is None:
+            raise InputError(f"{name}: this motion does not contain its equations")
+        return self._resume
 
     def coordinate(self, name: str) -> FloatArray:
         """Return a coordinate by name, "phi", or its velocity, "phi_dot", shape (n,)."""

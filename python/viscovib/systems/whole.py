@@ -214,6 +214,19 @@ def whole_system(structure: Structure) -> PolynomialSystem:
     return whole
 
 
+def law_places(structure: Structure) -> list[int | None]:
+    """The place of each element's law among those of `whole_system`; None: it has none."""
+    found: list[int | None] = []
+    count = 0
+    for element in structure._all_elements:
+        mix = _mix(element.direction)
+        most = max((power for power in element.powers if power > 1), default=0)
+        count += int(most > 0 and _n_products(mix, [(mix, most)]) > _MOST_PRODUCTS)
+        found.append(None if element.law is None else count)
+        count += int(element.law is not None)
+    return found
+
+
 def n_hidden(system: PolynomialSystem, h: float = 0.0, reach: float = 0.0) -> tuple[int, bool]:
     """Count the coordinates that the core adds for memory in steps h; 0: at most; -1: it cannot.
 

@@ -1,0 +1,236 @@
+"""Forces of mounts, elements and springs along a motion in time."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+
+from viscovib._native import FloatArray
+from viscovib.analyses.acting import KnownMotion
+from viscovib.bodies.body import Body
+from viscovib.bodies.in_time import deflected, elastic, point_moved
+from viscovib.errors import InputError
+from viscovib.kernels.relaxation import Kernel
+from viscovib.results.motion_forces import ElementForces, MountForcesInTime
+from viscovib.systems.laws import Law
+from viscovib.systems.mount import Mount
+from viscovib.systems.polynomial_system import PolynomialSystem
+from viscovib.systems.structure import Structure
+from viscovib.systems.whole import law_places
+
+#: Forces at states of a motion: coordinates, rates, and forces of laws if these are known.
+_Forces = Callable[[FloatArray, FloatArray, FloatArray | None], FloatArray]
+
+
+def remembered(
+    motion: KnownMotion, forces: _Forces, kernels: Sequence[Kernel | None], scale: float = 1.0
+) -> FloatArray:
+    """Return -R * g for each force (n, m), each with its kernel or None."""
+    panels = motion.panels
+    found = np.zeros((motion.t.size, len(kernels)))
+    if panels is None or not any(kernel is not None for kernel in kernels):
+        return found
+    values = forces(panels.u, panels.rate, panels.laws)
+    held = np.zeros(len(kernels))
+    if panels.held.any():
+        at = panels.held[np.newaxis]
+        held = forces(at, 0 * at, np.full((1, panels.laws.shape[1]), np.nan))[0]
+    for kernel in dict.fromkeys(kernels):
+        if kernel is None:
+            continue
+        these = [j for j, one in enumerate(kernels) if one == kernel]
+        part = panels.recalled(kernel, values[:, these], held[these], motion.t)
+        found[:, these] = -scale * part
+    return found
+
+
+def mount_forces(body: object, motion: KnownMotion) -> MountForcesInTime:
+    """Forces of all mounts of a body along their local axes."""
+    if not isinstance(body, Body):
+        raise InputError(
+            "mount_forces: is for motions of a Body; element_forces() is for other systems"
+        )
+    springs, turns = body._mount_springs, body._turns
+
+    def forces(u: FloatArray, rate: FloatArray, _: FloatArray | None) -> FloatArray:
+        return elastic(springs, *deflected(springs, u, rate, turns=turns))
+
+    d, speed = deflected(springs, motion.u, motion.rate, turns=turns)
+    parts = [elastic(springs, d, speed), springs.damping * speed,
+             remembered(motion, forces, springs.kernels)]  # fmt: skip
+    places = np.array(springs.first, dtype=int)[:, np.newaxis] + np.arange(3)
+    own = [one[:, places] for one in (d, speed, *parts)]
+    total = parts[0] + parts[1] + parts[2]
+    moment = np.zeros_like(own[0])
+    ends = [*springs.first[1:], len(springs.laws)]
+    point = np.empty_like(moment)
+    for i, (mount, begin, end) in enumerate(zip(body.mounts, springs.first, ends, strict=True)):
+        if mount.track is not None:
+            # The track stands behind the other springs of a mount.
+            own[2][:, i, mount.track.axis] += parts[0][:, end - 1]
+        holds = np.flatnonzero(np.asarray(mount.rotational_stiffness))
+        moment[:, i, holds] = total[:, begin + 3 : begin + 3 + holds.size]
+        point[:, i] = np.asarray(mount.position)
+        if turns:
+            moved = point_moved(springs.arms[begin], motion.u, motion.rate, None, turns=True)[0]
+            sag = 0.0 if body._sag is None else body._sag.displacement[:3]
+            point[:, i] = body.center + sag + springs.arms[begin] + moved
+    axes = np.array([mount.rotation for mount in body.mounts]).reshape(-1, 3, 3)
+    names = tuple(mount.name for mount in body.mounts)
+    d, speed, elastic_part, damping, memory = own
+    return MountForcesInTime(
+        motion.t, names, d, speed, elastic_part, damping, memory, moment, point, axes
+    )
+
+
+def element_forces(system: object, motion: KnownMotion) -> ElementForces:
+    """Forces of the elements of a structure, or of the springs of another system."""
+    if isinstance(system, Body):
+        raise InputError("element_forces: a Body has mounts: take mount_forces()")
+    if isinstance(system, Structure):
+        return _of_structure(system, motion)
+    if isinstance(system, Mount):
+        return _of_mount(system, motion)
+    if isinstance(system, PolynomialSystem):
+        return _of_polynomial(system, motion)
+    raise InputError("element_forces: is for a Structure, a PolynomialSystem or a Mount")
+
+
+def _of_structure(structure: Structure, motion: KnownMotion) -> ElementForces:
+    at = law_places(structure)
+    chosen = [
+        (element, at[i])
+        for i, element in enumerate(structure._all_elements)
+        # Directions of a coupling are places only.
+        if element.powers or element.damping or element.law is not None
+    ]
+    directions = np.array([element.direction for element, _ in chosen])
+    directions = directions.reshape(-1, structure.n_coordinates).T
+
+    def forces(u: FloatArray, rate: FloatArray, laws: FloatArray | None) -> FloatArray:
+        d, speed = u @ directions, rate @ directions
+        force: FloatArray = np.zeros(d.shape)
+        for j, (element, place) in enumerate(chosen):
+            law: Any = element.law
+            if law is None or not law.state:
+                for power, c in element.powers.items():
+                    force[:, j] += c * d[:, j] ** power
+            if law is not None:
+                force[:, j] += _law_values(law, d[:, j], speed[:, j], laws, place)
+        return force
+
+    d, speed = motion.u @ directions, motion.rate @ directions
+    damping = speed * np.array([element.damping for element, _ in chosen])
+    names = _distinct(_name(element.direction, structure.dof_names) for element, _ in chosen)
+    kernels = [element.kernel for element, _ in chosen]
+    return ElementForces(
+        motion.t, names, d, speed, forces(motion.u, motion.rate, motion.laws), damping,
+        remembered(motion, forces, kernels),
+    )  # fmt: skip
+
+
+def _law_values(
+    law: Law, d: FloatArray, speed: FloatArray, laws: FloatArray | None, place: int | None
+) -> FloatArray:
+    """Forces of a law: as the run has them, else by the law itself."""
+    known = np.full(d.shape, np.nan)
+    if laws is not None and place is not None and laws.shape[1]:
+        known = laws[:, place].copy()
+    lost = np.isnan(known)
+    if law.state:
+        # Before t = 0 an element is at rest.
+        known[lost] = 0.0
+    elif lost.any():
+        both = np.stack([d[lost], speed[lost]], axis=1)
+        known[lost] = law.values(both[:, : len(law.arguments)])
+    return known
+
+
+def _of_mount(mount: Mount, motion: KnownMotion) -> ElementForces:
+    """The springs of x and phi; the damping matrix is no part of them."""
+    stiffness = np.array([mount.stiffness_x, mount.stiffness_phi])
+
+    def moved(u: FloatArray, rate: FloatArray) -> tuple[FloatArray, FloatArray]:
+        phi, speed = u[:, 1], rate[:, 1]
+        if mount.geometry == "exact":
+            arm, slope = np.sin(phi), np.cos(phi)
+        else:
+            arm = phi - mount.cubic_scale * phi**3 / 6
+            slope = 1 - mount.cubic_scale * phi**2 / 2
+        d = np.stack([u[:, 0] - mount.offset * arm, phi], axis=1)
+        return d, np.stack([rate[:, 0] - mount.offset * slope * speed, speed], axis=1)
+
+    def forces(u: FloatArray, rate: FloatArray, _: FloatArray | None) -> FloatArray:
+        force: FloatArray = stiffness * moved(u, rate)[0]
+        return force
+
+    d, speed = moved(motion.u, motion.rate)
+    in_phi = mount.kernel if mount.kernel_phi is None else mount.kernel_phi
+    kernels = [mount.kernel, in_phi if isinstance(in_phi, Kernel) else None]
+    memory = remembered(motion, forces, kernels, mount.memory_scale)
+    return ElementForces(
+        motion.t, ("x", "phi"), d, speed, stiffness * d, np.zeros_like(d), memory, ("N", "N m")
+    )
+
+
+def _of_polynomial(system: PolynomialSystem, motion: KnownMotion) -> ElementForces:
+    """Forces of each group of springs on each coordinate, and of the damping matrix."""
+    n = len(system.dof_names)
+    groups = system.groups
+    first = np.cumsum([0, *(len(group.laws) for group in groups)])
+
+    def forces(u: FloatArray, rate: FloatArray, laws: FloatArray | None) -> FloatArray:
+        found = np.zeros((u.shape[0], len(groups), n))
+        for g, group in enumerate(groups):
+            found[:, g] = u @ group.stiffness.T
+            for (on, powers), c in group.forces.items():
+                found[:, g, on] += c * np.prod(u ** np.array(powers), axis=1)
+            both = np.concatenate([u, rate], axis=1)
+            for k, (on, law) in enumerate(group.laws):
+                known = None if laws is None or not laws.shape[1] else laws[:, first[g] + k]
+                if known is None or np.isnan(known).any():
+                    known = law.values(both[:, : len(law.arguments)])
+                found[:, g, on] += known
+        return found.reshape(u.shape[0], -1)
+
+    elastic_part = forces(motion.u, motion.rate, motion.laws)
+    kernels = [group.kernel for group in groups for _ in range(n)]
+    memory = remembered(motion, forces, kernels)
+    damping = np.zeros_like(elastic_part)
+    damping[:, :n] = motion.rate @ np.asarray(system._damping).T
+    names = [
+        name if g == 0 else f"springs[{g - 1}].{name}"
+        for g in range(len(groups))
+        for name in system.dof_names
+    ]
+    times = len(groups)
+    return ElementForces(
+        motion.t, tuple(names), np.tile(motion.u, times), np.tile(motion.rate, times),
+        elastic_part, damping, memory,
+    )  # fmt: skip
+
+
+def _name(direction: FloatArray, names: Sequence[str]) -> str:
+    """A direction as a sum of coordinates."""
+    places = np.flatnonzero(direction)
+    text = ""
+    for i in places[:4]:
+        w = float(direction[i])
+        factor = "" if abs(w) == 1 else f"{abs(w):.6g}*"
+        sign = ("-" if w < 0 else "") if not text else (" - " if w < 0 else " + ")
+        text += f"{sign}{factor}{names[i]}"
+    return text + (" + ..." if places.size > 4 else "")
+
+
+def _distinct(names: Any) -> tuple[str, ...]:
+    """Names of elements on one direction with a number."""
+    found: list[str] = []
+    for name in names:
+        other, k = name, 1
+        while other in found:
+            k += 1
+            other = f"{name} ({k})"
+        found.append(other)
+    return tuple(found)

@@ -1,0 +1,318 @@
+"""Forces of mounts and elements along a motion in time, and motions of points of a body."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from viscovib import _native
+from viscovib._native import FloatArray
+from viscovib.common.counts import things
+from viscovib.common.results import Panel, Result, span
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+#: Local axes of a mount.
+_AXES = ("x", "y", "z")
+
+
+def _integrated(t: FloatArray, power: FloatArray) -> FloatArray:
+    """The integral of a power from the first time on, by a spline through its values."""
+    from scipy.interpolate import CubicSpline
+
+    if t.size < 4:
+        return np.full(power.shape, np.nan)
+    return np.asarray(CubicSpline(t, power).antiderivative()(t))
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class ElementForces(Result):
+    """Deflections and forces of elements along a motion in time.
+
+    Attributes
+    ----------
+    t : ndarray, shape (n,)
+        Times (s).
+    names : tuple of str
+        Names of the elements.
+    deflection, rate : ndarray, shape (n, m)
+        Deflection d of each element relative to the base, and d'.
+    elastic : ndarray, shape (n, m)
+        Force of springs and laws without memory, k d + g(d, d').
+    damping : ndarray, shape (n, m)
+        Force c d' of linear dampers.
+    memory : ndarray, shape (n, m)
+        -R * (k d + g): what relaxation has taken from the elastic force.
+
+    Examples
+    --------
+    >>> import viscovib as vv
+    >>> spring = vv.Spring(on={"x1": 1, "x2": -1}, stiffness=3.0, damping=0.1)
+    >>> pair = vv.Structure(mass=[[1, 0], [0, 1]], stiffness=[[2, 0], [0, 2]], elements=[spring])
+    >>> run = vv.simulate(pair, 5, initial=[1, 0, 0, 0])
+    >>> forces = run.element_forces()
+    >>> forces.names, float(forces.force[0, 0])
+    (('x1 - x2',), 3.0)
+    """
+
+    t: FloatArray
+    names: tuple[str, ...]
+    deflection: FloatArray
+    rate: FloatArray
+    elastic: FloatArray
+    damping: FloatArray
+    memory: FloatArray
+    units: tuple[str, ...] = ()
+
+    kind = "element forces"
+
+    @property
+    def force(self) -> FloatArray:
+        """Force of each element opposite to its deflection, shape (n, m)."""
+        return self.elastic + self.damping + self.memory
+
+    @cached_property
+    def work(self) -> FloatArray:
+        """Work done on each element since the first time, shape (n, m).
+
+        It is the integral of force times rate, by a spline through the states kept. Work that an
+        element stores returns; the work of a closed loop is its loss.
+        """
+        return _integrated(self.t, self.force * self.rate)
+
+    @cached_property
+    def dissipated(self) -> FloatArray:
+        """Energy dissipated by linear dampers since the first time, shape (n, m)."""
+        return _integrated(self.t, self.damping * self.rate)
+
+    def of(self, name: str) -> FloatArray:
+        """Force of one element, shape (n,)."""
+        return self.force[:, self.names.index(_native.choice("name", name, self.names))]
+
+    def _headline(self) -> str:
+        return f"forces of {things(len(self.names), 'element')}, t: {span(self.t, 's')}"
+
+    def panels(self) -> list[Panel]:
+        """Return the force of each element over time."""
+        units = self.units or ("",) * len(self.names)
+        return [
+            Panel(self.t, column, "$t$ (s)", name, unit)
+            for name, unit, column in zip(self.names, units, self.force.T, strict=True)
+        ]
+
+    def to_dataset(self) -> xr.Dataset:
+        """Return all data as an xarray Dataset."""
+        import xarray as xr
+
+        parts = ("deflection", "rate", "elastic", "damping", "memory", "force")
+        return xr.Dataset(
+            {part: (("t", "element"), getattr(self, part)) for part in parts},
+            coords={"t": ("t", self.t, {"units": "s"}), "element": list(self.names)},
+        )
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class MountForcesInTime(Result):
+    """Deflections, forces and moments of mounts in local axes along a motion in time.
+
+    The quantities are those of `MountForces`, of the vibration without the static part.
+
+    Attributes
+    ----------
+    t : ndarray, shape (n,)
+        Times (s).
+    names : tuple of str
+        Names of the mounts.
+    deflection : ndarray, shape (n, n_mounts, 3)
+        Deflection relative to the base (m).
+    rate : ndarray, shape (n, n_mounts, 3)
+        Its rate (m/s).
+    elastic, damping, memory : ndarray, shape (n, n_mounts, 3)
+        Parts of the force (N): k d + g(d, d'), c d' and -R * (k d + g). The track of a fluid mount
+        is part of ``elastic``.
+    moment : ndarray, shape (n, n_mounts, 3)
+        Moment of each mount opposite to the rotation of the body, by its ``rotational_stiffness``
+        and its memory (N m).
+    point, axes : ndarray, shape (n, n_mounts, 3) and (n_mounts, 3, 3)
+        Where each force acts (m), and the local axes (columns), in the axes of the positions.
+
+    Examples
+    --------
+    >>> import viscovib as vv
+    >>> foot = vv.MountPoint(
+    ...     name="foot", position=(0, 0, 0), stiffness=(1e5, 1e5, 2e5), damping=(10, 10, 20),
+    ...     rotational_stiffness=(1e3, 1e3, 1e3),
+    ... )
+    >>> body = vv.Body(mass=5, inertia=(0.1, 0.2, 0.3), mounts=[foot])
+    >>> run = vv.simulate(body, 0.1, initial=[0, 0, 0, 0, 1e-3, 0, 0, 0, 0, 0, 0, 0])
+    >>> forces = run.mount_forces()
+    >>> forces.of("foot")[0].round(6).tolist()
+    [0.0, 0.0, 200.0]
+    """
+
+    t: FloatArray
+    names: tuple[str, ...]
+    deflection: FloatArray
+    rate: FloatArray
+    elastic: FloatArray
+    damping: FloatArray
+    memory: FloatArray
+    moment: FloatArray
+    point: FloatArray
+    axes: FloatArray
+
+    kind = "mount forces in time"
+
+    @property
+    def force(self) -> FloatArray:
+        """Force of each mount opposite to its deflection (N), shape (n, n_mounts, 3)."""
+        return self.elastic + self.damping + self.memory
+
+    @cached_property
+    def work(self) -> FloatArray:
+        """Work done on each mount along each axis since the first time (J), (n, n_mounts, 3).
+
+        It is the integral of force times rate, by a spline through the states kept. The work of
+        rotational stiffness is not included.
+        """
+        return _integrated(self.t, self.force * self.rate)
+
+    @cached_property
+    def dissipated(self) -> FloatArray:
+        """Energy dissipated by linear dampers since the first time (J), (n, n_mounts, 3)."""
+        return _integrated(self.t, self.damping * self.rate)
+
+    def of(self, name: str) -> FloatArray:
+        """Force of one mount along its local axes (N), shape (n, 3)."""
+        return self.force[:, self.names.index(_native.choice("name", name, self.names))]
+
+    def _headline(self) -> str:
+        return f"forces of {things(len(self.names), 'mount')}, t: {span(self.t, 's')}"
+
+    def panels(self) -> list[Panel]:
+        """Return the force of each mount in the direction of its largest component."""
+        found = []
+        for i, name in enumerate(self.names):
+            force = self.force[:, i]
+            axis = int(np.argmax(np.abs(force).max(axis=0, initial=0.0)))
+            found.append(Panel(self.t, force[:, axis], "$t$ (s)", f"{name} {_AXES[axis]}", "N"))
+        return found
+
+    def to_dataset(self) -> xr.Dataset:
+        """Return all data as an xarray Dataset."""
+        import xarray as xr
+
+        over = ("t", "mount", "axis")
+        units = {
+            "deflection": "m", "rate": "m/s", "elastic": "N", "damping": "N", "memory": "N",
+            "force": "N", "moment": "N m",
+        }  # fmt: skip
+        return xr.Dataset(
+            {name: (over, getattr(self, name), {"units": unit}) for name, unit in units.items()},
+            coords={
+                "t": ("t", self.t, {"units": "s"}),
+                "mount": list(self.names),
+                "axis": list(_AXES),
+            },
+        )
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class PointMotion(Result):
+    """The motion of a point of a body in time.
+
+    Attributes
+    ----------
+    t : ndarray, shape (n,)
+        Times (s).
+    displacement, velocity, acceleration : ndarray, shape (n, 3)
+        Along the axes of the positions (m, m/s, m/s^2).
+
+    Examples
+    --------
+    >>> import viscovib as vv
+    >>> foot = vv.MountPoint(name="foot", position=(0, 0, 0), stiffness=(1e5, 1e5, 2e5))
+    >>> body = vv.Body(mass=5, inertia=(0.1, 0.2, 0.3), mounts=[foot])
+    >>> run = vv.simulate(body, 0.1, initial=[0, 0, 0, 0, 1e-3, 0, 0, 0, 0, 0, 0, 0])
+    >>> run.motion_of((0.1, 0, 0)).acceleration[0].round(6).tolist()
+    [0.0, 0.0, -40.0]
+    """
+
+    t: FloatArray
+    displacement: FloatArray
+    velocity: FloatArray
+    acceleration: FloatArray
+
+    kind = "motion of a point"
+
+    def _headline(self) -> str:
+        return f"displacement, velocity and acceleration of a point, t: {span(self.t, 's')}"
+
+    def panels(self) -> list[Panel]:
+        """Return the accelerations over time."""
+        return [
+            Panel(self.t, column, "$t$ (s)", f"acceleration {axis}", "m/s^2")
+            for axis, column in zip(_AXES, self.acceleration.T, strict=True)
+        ]
+
+    def to_dataset(self) -> xr.Dataset:
+        """Return all data as an xarray Dataset."""
+        import xarray as xr
+
+        units = {"displacement": "m", "velocity": "m/s", "acceleration": "m/s^2"}
+        return xr.Dataset(
+            {n: (("t", "axis"), getattr(self, n), {"units": unit}) for n, unit in units.items()},
+            coords={"t": ("t", self.t, {"units": "s"}), "axis": list(_AXES)},
+        )
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class FloorForce(Result):
+    """Resultant of all mounts of a body on the floor in time.
+
+    Attributes
+    ----------
+    t : ndarray, shape (n,)
+        Times (s).
+    force : ndarray, shape (n, 3)
+        Force on the floor along the axes of the positions (N), without the weight.
+    moment : ndarray, shape (n, 3)
+        Moment on the floor about ``about`` (N m).
+    about : ndarray, shape (3,)
+        The point (m).
+    """
+
+    t: FloatArray
+    force: FloatArray
+    moment: FloatArray
+    about: FloatArray
+
+    kind = "floor force"
+
+    def _headline(self) -> str:
+        point = ", ".join(f"{x:g}" for x in self.about)
+        return f"force and moment on the floor about ({point}) m, t: {span(self.t, 's')}"
+
+    def panels(self) -> list[Panel]:
+        """Return forces and moments over time."""
+        return [
+            Panel(self.t, column, "$t$ (s)", f"{what} {axis}", unit)
+            for what, unit, columns in (("force", "N", self.force), ("moment", "N m", self.moment))
+            for axis, column in zip(_AXES, columns.T, strict=True)
+        ]
+
+    def to_dataset(self) -> xr.Dataset:
+        """Return all data as an xarray Dataset."""
+        import xarray as xr
+
+        return xr.Dataset(
+            {
+                "force": (("t", "axis"), self.force, {"units": "N"}),
+                "moment": (("t", "axis"), self.moment, {"units": "N m"}),
+            },
+            coords={"t": ("t", self.t, {"units": "s"}), "axis": list(_AXES)},
+        )
