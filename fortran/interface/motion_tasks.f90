@@ -21,6 +21,7 @@ module viscovib_motion_tasks
   use viscovib_polynomial_job, only: plan_polynomial
   use viscovib_polynomial_motion, only: polynomial_motion_type
   use viscovib_reduction, only: moved_coordinates
+  use viscovib_shock_shapes, only: new_shock, shock_names
   use viscovib_steady_motion_tasks, only: find_motion_extremes, run_period, &
     steady_motion, trace_branch
   use viscovib_task, only: task_type
@@ -57,6 +58,8 @@ contains
       call find_motion_extremes(task)
     case ('accelerations')
       call find_accelerations(task)
+    case ('shock')
+      call find_shock(task)
     case ('moving coordinates')
       call find_moving(task)
     case ('hidden coordinates')
@@ -134,6 +137,29 @@ contains
     call task%found%put_reals('accelerations', a, shape(a))
     call task%found%put_integer('singular', merge(1_i8, 0_i8, singular))
   end subroutine find_accelerations
+
+  !> A shock of height 1 by the `shape` of its name and its numbers as of `new_shock`: `times` (n)
+  !! and `cubics` (4, n).
+  subroutine find_shock(task)
+    type(task_type), intent(inout) :: task
+    real(wp), allocatable :: times(:), cubics(:, :)
+    character(len=:), allocatable :: shape_name
+    real(wp) :: hz(2)
+    integer :: i
+
+    call task%take_text('shape', shape_name)
+    hz = [task%get_real('first_hz', 0.0_wp), task%get_real('last_hz', 0.0_wp)]
+    if (task%failed()) return
+    do i = 1, size(shock_names) - 1
+      if (shock_names(i) == shape_name) exit
+    end do
+    call new_shock(i, task%get_real('duration', 0.0_wp), &
+                   task%get_real('rise', 0.0_wp), task%get_real('fall', 0.0_wp), hz, &
+                   task%get_flag('is_logarithmic', .false.), times, cubics, task%status)
+    if (task%failed()) return
+    call task%found%put_reals('times', times, shape(times))
+    call task%found%put_reals('cubics', cubics, shape(cubics))
+  end subroutine find_shock
 
   !> Which coordinates move (1) if those with `driven` /= 0 (n) are driven: `moves` (n).
   subroutine find_moving(task)

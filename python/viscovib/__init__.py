@@ -87,7 +87,7 @@ _NAMES = {
     "systems.elements": "Coupling Spring",
     "systems.friction": "BoucWen Dahl Iwan Jenkins",
     "systems.load": "fourier_coefficients",
-    "systems.load_table": "LoadTable",
+    "systems.load_table": "Chirp HalfSine Haversine LoadTable Sawtooth Step Trapezoid",
     "systems.modal_model": "ModalModel",
     "systems.mount": "Mount",
     "systems.normal_coordinates": "NormalCoordinates",
@@ -317,7 +317,15 @@ if TYPE_CHECKING:
         Jenkins as Jenkins,
     )
     from viscovib.systems.load import fourier_coefficients as fourier_coefficients
-    from viscovib.systems.load_table import LoadTable as LoadTable
+    from viscovib.systems.load_table import (
+        Chirp as Chirp,
+        HalfSine as HalfSine,
+        Haversine as Haversine,
+        LoadTable as LoadTable,
+        Sawtooth as Sawtooth,
+        Step as Step,
+        Trapezoid as Trapezoid,
+    )
     from viscovib.systems.modal_model import ModalModel as ModalModel
     from viscovib.systems.mount import Mount as Mount
     from viscovib.systems.normal_coordinates import NormalCoordinates as NormalCoordinates

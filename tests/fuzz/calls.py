@@ -245,6 +245,13 @@ SOUND = (
     "vv.CubicSystem(mass=[[1]], stiffness=[[1]], damping=[[0.1]], cubic=[[[[0.5]]]], "
     "load=[[0.1]], drives=[1])",
     "vv.LoadTable(times=[0, 1, 2], values=[0, 1, 0])",
+    "vv.HalfSine(amplitude=1.0, duration=0.1, start=0.5)",
+    "vv.Haversine(amplitude=1.0, duration=0.1)",
+    "vv.Sawtooth(amplitude=[1.0, 2.0], duration=0.1)",
+    "vv.Trapezoid(amplitude=1.0, duration=0.1, rise=0.02, fall=0.01)",
+    "vv.Chirp(amplitude=1.0, duration=1.0, hz=[1.0, 5.0], sweep='linear')",
+    "vv.Step(amplitude=1.0, start=0.5, unit='g')",
+    f"vv.simulate({MOUNT}, t_end=1, dt=0.1, base_acceleration=vv.Step(amplitude=1.0))",
     "vv.Past(times=[-1, 0], displacements=[[0, 0], [0.1, 0]])",
     "vv.Monomial(coefficient=1, powers=[3], on='x')",
     "vv.Springs(stiffness=1)",

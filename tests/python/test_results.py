@@ -153,14 +153,14 @@ DRAWN = set(RESULTS) - {
 }  # fmt: skip
 #: Public classes that calls take or that hold others; all else is found, and a value.
 NOT_FOUND = [
-    "AbelKernel", "Arrhenius", "Body", "BoucWen", "Coupling", "CreepData", "CubicSystem", "Dahl",
-    "Event", "Explorer", "ExponentialSum", "FluidTrack", "Gap", "Iwan", "Jenkins", "Kernel",
-    "KernelFit", "LoadTable", "ModalModel", "Monomial", "Mount", "MountPoint", "MultipleScales",
-    "Past",
+    "AbelKernel", "Arrhenius", "Body", "BoucWen", "Chirp", "Coupling", "CreepData", "CubicSystem",
+    "Dahl", "Event", "Explorer", "ExponentialSum", "FluidTrack", "Gap", "HalfSine", "Haversine",
+    "Iwan", "Jenkins", "Kernel", "KernelFit", "LoadTable", "ModalModel", "Monomial",
+    "Mount", "MountPoint", "MultipleScales", "Past",
     "Pendulum", "PeriodicMotions", "Plan", "PolynomialSystem", "PronyKernel", "PythonLaw",
-    "RabotnovKernel", "RelaxationData", "Result", "RzhanitsynKernel", "Sample", "Scene",
-    "ShiftLaw", "ShiftTable", "Spring", "Springs", "Stop", "Structure", "SumKernel",
-    "TabulatedKernel", "ThermalKernel", "WLF",
+    "RabotnovKernel", "RelaxationData", "Result", "RzhanitsynKernel", "Sample", "Sawtooth", "Scene",
+    "ShiftLaw", "ShiftTable", "Spring", "Springs", "Step", "Stop", "Structure", "SumKernel",
+    "TabulatedKernel", "ThermalKernel", "Trapezoid", "WLF",
 ]  # fmt: skip
 #: Found by the tests of their own: of curves, of scenes, of amplitudes.
 ELSEWHERE = [

@@ -94,9 +94,9 @@ def test_random_piecewise_linear_records_have_the_extremes_of_exact_solutions():
 def test_long_records_find_the_extremes_between_their_samples():
     """Blocks of samples that cannot hold the extreme are left out; those that may are searched."""
     random = np.random.default_rng(4)
-    t = np.arange(300)
+    t = np.arange(200)
     noise = random.standard_normal(t.size)
-    pulse = np.exp(-(((t - 200) / 40) ** 2)) * np.sin(0.5 * t)
+    pulse = np.exp(-(((t - 150) / 40) ** 2)) * np.sin(0.5 * t)
     hz = np.array([3e-3, 0.1, 0.3])
     for record in (noise, np.sin(0.4 * t), pulse):
         for zeta, kind in ((0.0, KINDS[0]), (0.3, KINDS[0]), (0.03, KINDS[1])):

@@ -1,4 +1,6 @@
-"""Shocks on a body beside the exact answer of its modes."""
+"""Shocks on systems against the exact answer of their modes."""
+
+import pickle
 
 import numpy as np
 import pytest
@@ -6,27 +8,92 @@ import viscovib as vv
 from scipy.integrate import quad
 from test_body import engine
 
+LENGTH, START = 0.011, 0.002
+#: Each shock, its formula at s = (t - start)/duration, and corners within it.
+SHOCKS = {
+    "half sine": (vv.HalfSine, {}, lambda s: np.sin(np.pi * s), []),
+    "haversine": (vv.Haversine, {}, lambda s: np.sin(np.pi * s) ** 2, []),
+    "sawtooth": (vv.Sawtooth, {}, lambda s: s, []),
+    "trapezoid": (
+        vv.Trapezoid, {"rise": 0.25 * LENGTH}, lambda s: min(1, 4 * s, 4 * (1 - s)), [0.25, 0.75],
+    ),
+    "unequal trapezoid": (
+        vv.Trapezoid, {"rise": 0.0, "fall": 0.5 * LENGTH}, lambda s: min(1, 2 * (1 - s)), [0.5],
+    ),
+    "linear sweep": (
+        vv.Chirp, {"hz": (0.0, 500.0)},
+        lambda s: np.sin(2 * np.pi * 250 * LENGTH * s**2), [],
+    ),
+    "logarithmic sweep": (
+        vv.Chirp, {"hz": (800.0, 200.0), "sweep": "logarithmic"},
+        lambda s: np.sin(2 * np.pi * 800 * LENGTH * (1 - 0.25**s) / np.log(4)), [],
+    ),
+    "step": (vv.Step, {}, lambda s: 1.0, []),
+}  # fmt: skip
 
-@pytest.mark.parametrize("kind", ["half_sine", "sawtooth"])
-def test_shocks_beside_duhamel(kind):
-    """q_r = sum of phi_r F integral of a(s) sin(w_r (t - s))/w_r over the shock, after it."""
+
+@pytest.mark.parametrize("name", SHOCKS)
+def test_shocks_have_the_motion_of_duhamels_integral(name):
+    """q_r = sum of phi_r F integral of a(s) sin(w_r (t - s))/w_r over the shock."""
     body = engine()
     push = body.load(force=(0, 300, 2000), torque=(5, 0, 0)).real
-    shape = {"half_sine": lambda s: np.sin(np.pi * s / 0.011), "sawtooth": lambda s: s / 0.011}[
-        kind
-    ]
-    shock = getattr(vv.LoadTable, kind)(push, 0.011, start=0.002)
-    run = vv.simulate(body, 0.1, force=shock, dt="auto", tolerance=1e-11)
+    kind, numbers, shape, corners = SHOCKS[name]
+    if kind is not vv.Step:
+        numbers = numbers | {"duration": LENGTH}
+    shock = kind(amplitude=push, start=START, **numbers)
+    end = 0.03
+    run = vv.simulate(body, end, force=shock, dt="auto", tolerance=1e-11)
     squares, shapes = np.linalg.eig(np.linalg.solve(body.mass, body.stiffness))
     omega = np.sqrt(squares.real)
     shapes = shapes.real / np.sqrt(np.einsum("ir,ij,jr->r", shapes.real, body.mass, shapes.real))
-    t = run.t[-1] - 0.002
+    t = end - START
+    until = t if kind is vv.Step else LENGTH
     answers = [
-        quad(lambda s, w=w: shape(s) * np.sin(w * (t - s)) / w, 0, 0.011, epsabs=1e-15)[0]
+        quad(
+            lambda s, w=w: shape(s / LENGTH) * np.sin(w * (t - s)) / w, 0, until, epsabs=1e-16,
+            epsrel=1e-13, points=[LENGTH * c for c in corners] or None, limit=200,
+        )[0]
         for w in omega
-    ]
+    ]  # fmt: skip
     expected = shapes @ (answers * (shapes.T @ push))
-    np.testing.assert_allclose(run.state[-1, ::2], expected, atol=1e-8 * np.abs(expected).max())
+    np.testing.assert_allclose(run.state[-1, ::2], expected, atol=1e-9 * np.abs(expected).max())
+
+
+@pytest.mark.parametrize("name", SHOCKS)
+def test_shocks_have_the_values_of_their_formula(name):
+    kind, numbers, shape, _ = SHOCKS[name]
+    if kind is not vv.Step:
+        numbers = numbers | {"duration": LENGTH}
+    shock = kind(amplitude=(2.0, -3.0), start=START, **numbers)
+    s = np.linspace(0, 1, 1237)[1:-1]
+    wanted = np.array([shape(one) for one in s])
+    found = shock(START + LENGTH * s)
+    assert np.abs(found - np.outer(wanted, [2.0, -3.0])).max() < 2e-10
+    assert not shock(START - 1e-9).any()
+    assert shock(START + 2 * LENGTH).any() == (kind is vv.Step)
+    again = pickle.loads(pickle.dumps(shock))
+    assert np.array_equal(again(START + LENGTH * s), found)
+    assert "times" not in repr(shock)
+    assert "amplitude=" in repr(shock)
+
+
+def test_shocks_act_alike_on_every_system():
+    """The same oscillator as a mount-like system, with memory, and as a structure."""
+    rubber = vv.PronyKernel(weights=[0.1], rates=[2.0])
+    shock = vv.HalfSine(amplitude=3.0, duration=0.3, start=0.1)
+    by_system = vv.PolynomialSystem(mass=1, stiffness=100, damping=0.5)
+    by_structure = vv.Structure(mass=[[1.0]], stiffness=[[100.0]], damping=[[0.5]])
+    runs = [vv.simulate(one, 2, dt=0.01, force=shock) for one in (by_system, by_structure)]
+    assert np.abs(runs[0].state - runs[1].state).max() < 1e-12
+    remembers = [
+        vv.PolynomialSystem(mass=1, stiffness=100, damping=0.5, kernel=rubber),
+        vv.Structure(
+            mass=[[1.0]], stiffness=[[0.0]], damping=[[0.5]],
+            elements=[vv.Spring(on={"x1": 1}, stiffness=100, kernel=rubber)],
+        ),
+    ]  # fmt: skip
+    runs = [vv.simulate(one, 2, dt=0.01, force=shock) for one in remembers]
+    assert np.abs(runs[0].state - runs[1].state).max() < 1e-11
 
 
 def test_shocks_on_one_coordinate_and_what_is_refused():
@@ -34,5 +101,22 @@ def test_shocks_on_one_coordinate_and_what_is_refused():
     np.testing.assert_allclose(shock([0.9, 1.25, 1.5, 1.6]), [0, 1.5, 3, 0])
     with pytest.raises(vv.InputError, match="duration = 0: must be greater than 0"):
         vv.LoadTable.half_sine(1.0, 0)
-    with pytest.raises(vv.InputError, match="peak: must be a number"):
+    with pytest.raises(vv.InputError, match="amplitude: must be a number"):
         vv.LoadTable.half_sine([[1.0]], 1)
+    for given, says in [
+        ({"rise": 0.7, "fall": 0.5}, r"rise \+ fall = 1.2: must be at most the duration, 1"),
+        ({"rise": -0.1}, "rise, fall = -0.1: must not be negative"),
+    ]:
+        with pytest.raises(vv.InputError, match=says):
+            vv.Trapezoid(amplitude=1, duration=1, **given)
+    for given, says in [
+        ({"hz": (1, 2, 3)}, "hz: must be two frequencies"),
+        ({"hz": (-1, 2)}, "hz = -1, 2: must be greater than 0"),
+        ({"hz": (0, 2), "sweep": "logarithmic"}, "hz = 0, 2: must be greater than 0"),
+        ({"hz": (0, 1e6)}, "cycles, must be at most"),
+        ({"hz": (1, 2), "sweep": "random"}, "sweep"),
+    ]:
+        with pytest.raises(vv.InputError, match=says):
+            vv.Chirp(amplitude=1, duration=1, **given)
+    with pytest.raises(vv.InputError, match="unit"):
+        vv.Step(amplitude=1, unit="ft/s^2")

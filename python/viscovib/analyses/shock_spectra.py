@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import warnings
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -15,9 +14,10 @@ from viscovib._native import FloatArray
 from viscovib.common.counts import things
 from viscovib.common.parameters import Number, Word
 from viscovib.common.results import Result, span
-from viscovib.errors import InputError, RangeWarning, caller
+from viscovib.errors import InputError
 from viscovib.results.trajectory import spacing
-from viscovib.systems.load_table import LoadTable
+from viscovib.systems.base_acceleration import warn_of_record
+from viscovib.systems.load_table import LoadTable, Shock
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -25,10 +25,6 @@ if TYPE_CHECKING:
 KINDS = ("absolute_acceleration", "relative_displacement", "pseudo_velocity")
 _KIND, _UNIT = Word("kind", KINDS), Word("unit", ("m/s^2", "g"))
 _DAMPING, _DT = Number("damping", lowest=0), Number("dt", above=0)
-#: Acceleration (m/s^2) above which the unit of a record is doubted.
-_LARGE = 4000.0
-#: Part of a record at each end, relative difference and relative size of an offset.
-_TAIL, _ALIKE, _OFFSET = 0.05, 0.3, 1e-6
 #: Relative error of the straight lines between samples of a smooth shock, and samples at most.
 _SAMPLED, _MOST = 1e-10, 2_000_000
 #: Steps of oscillators that take some milliseconds.
@@ -146,7 +142,7 @@ def shock_response_spectrum(
     dt: float | None = None,
     damping: float = 0.05,
     kind: str = "absolute_acceleration",
-    unit: str = "m/s^2",
+    unit: str | None = None,
 ) -> ShockResponseSpectrum:
     """Return the shock response spectrum of an acceleration of the base.
 
@@ -155,7 +151,7 @@ def shock_response_spectrum(
     record : array_like, shape (n,), or LoadTable
         Acceleration of the base, linear between its samples, from an oscillator at rest; 0 after
         the last sample. A `LoadTable` has its own times, which may be unequally spaced. A smooth
-        table, such as ``LoadTable.half_sine``, is sampled to 1e-10 of its peak.
+        one, such as a `HalfSine`, is sampled to 1e-10 of its peak.
     frequencies : array_like, shape (m,)
         Undamped natural frequencies of the oscillators (Hz, not rad/s), in any order.
     dt : float
@@ -165,8 +161,8 @@ def shock_response_spectrum(
     kind : {"absolute_acceleration", "relative_displacement", "pseudo_velocity"}
         Acceleration of the mass, in the unit of the record; displacement relative to the base (m);
         this times the circular frequency (m/s).
-    unit : {"m/s^2", "g"}
-        Unit of the record.
+    unit : {"m/s^2", "g"}, optional
+        Unit of the record; by default that of a `LoadTable`, and "m/s^2" for an array.
 
     Warns
     -----
@@ -185,8 +181,8 @@ def shock_response_spectrum(
     --------
     >>> import numpy as np
     >>> import viscovib as vv
-    >>> shock = vv.LoadTable.sawtooth(15.0, 0.011)
-    >>> found = vv.shock_response_spectrum(shock, np.geomspace(5, 500, 50), unit="g")
+    >>> shock = vv.Sawtooth(amplitude=15.0, duration=0.011, unit="g")
+    >>> found = vv.shock_response_spectrum(shock, np.geomspace(5, 500, 50))
     >>> print(f"{found.maximax.max():.3f} {found.unit}")
     18.899 g
 
@@ -194,7 +190,10 @@ def shock_response_spectrum(
     --------
     LoadTable, spectrum
     """
-    quantity, unit = _KIND.check(kind), _UNIT.check(unit)
+    quantity = _KIND.check(kind)
+    if unit is None:
+        unit = record.unit if isinstance(record, LoadTable) else "m/s^2"
+    unit = _UNIT.check(unit)
     ratio = _DAMPING.check(damping)
     if ratio >= 1:
         raise InputError(
@@ -207,14 +206,14 @@ def shock_response_spectrum(
     if places.min() <= 0:
         raise InputError(f"frequencies: {places.min():g} Hz: must be greater than 0")
     omega = 2 * math.pi * places
-    if not 1e-100 <= omega.min() * steps.min() <= omega.max() * steps.max() <= 1e15:
-        raise InputError("frequencies: must be within 1e-100 and 1e14 of the sampling rate")
+    if not 1e-100 <= omega.min() * steps.min() <= omega.max() * steps.max() <= 1e20:
+        raise InputError("frequencies: must be within 1e-100 and 1e19 of the sampling rate")
     factor = units.g if unit == "g" else 1.0
     peak, duration = (
         factor * float(np.abs(values).max()),
         float(steps.sum() if steps.size > 1 else steps[0] * (values.size - 1)),
     )
-    _warn(values, steps, unit, peak)
+    warn_of_record("record", values, unit, not isinstance(record, Shock))
     # Together only those of nearly the same length of step: sorted.
     order = np.argsort(omega, kind="stable")
     found = np.empty((4, places.size))
@@ -266,33 +265,3 @@ def _in_range(values: FloatArray) -> FloatArray:
     if np.abs(values).max() > 1e150:
         raise InputError("record: values beyond 1e150 leave the range of numbers")
     return values
-
-
-def _warn(values: FloatArray, steps: FloatArray, unit: str, peak: float) -> None:
-    """Warn of a unit that looks wrong, and of an offset."""
-    if peak > _LARGE:
-        warnings.warn(
-            f"record: its peak is {peak:.6g} m/s^2 = {peak / units.g:.6g} g: check that the record "
-            f"is in {unit}",
-            RangeWarning,
-            stacklevel=caller(),
-        )
-    # Four stretches at both ends have the same mean: an offset, unlike the flanks of a pulse.
-    tail = int(_TAIL * values.size)
-    if tail < 4:
-        return
-    half = tail // 2
-    ends = values[:half], values[half:tail], values[-tail:-half], values[-half:]
-    means = np.array([one.mean() for one in ends])
-    offset = float(means.mean())
-    if (
-        np.abs(means - offset).max()
-        < _ALIKE * abs(offset)
-        > _ALIKE * _OFFSET * np.abs(values).max()
-    ):
-        warnings.warn(
-            f"record: begins and ends with an offset of {offset:.4g} {unit}, with which the base "
-            "drifts: subtract it",
-            RangeWarning,
-            stacklevel=caller(),
-        )

@@ -5,7 +5,8 @@ from __future__ import annotations
 import math
 import warnings
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -50,6 +51,7 @@ from viscovib.common.mesh import Mesh
 from viscovib.common.past import Past
 from viscovib.errors import ConvergenceWarning, InputError, RangeWarning, caller
 from viscovib.results.trajectory import Trajectory
+from viscovib.systems.base_acceleration import relative_loads
 from viscovib.systems.load import LoadLike, at_frequency
 from viscovib.systems.load_table import LoadTable
 from viscovib.systems.mount import Mount
@@ -78,6 +80,7 @@ def simulate(
     nu: float | None = None,
     base: LoadLike | LoadTable | None = None,
     force: LoadTable | None = None,
+    base_acceleration: Any = None,
     held: npt.ArrayLike | Past | None = None,
     memory: str = "auto",
     times: npt.ArrayLike | None = None,
@@ -139,6 +142,12 @@ def simulate(
     force : LoadTable
         Not for a pendulum: any load in time, added to the periodic one. Steps end on its corners
         and ends. With a given ``dt`` the states kept are still equidistant.
+    base_acceleration : LoadTable, number or mapping
+        Instead of ``base``: the acceleration of the base in m/s^2, or of a `LoadTable` or a shock
+        such as `HalfSine` in its ``unit``. A number is an amplitude with the frequency ``nu``, as
+        ``load``. All coordinates are then relative to the base, so the base may drift
+        (`Trajectory.relative_to_base`). Where a coordinate may move with the base on its own, as
+        for a `Body`, give {"z": ...}.
     held : array_like, shape (n_dof,), or Past
         For systems with memory: displacement relative to the base held for all t < 0, or any
         earlier motion; None: at rest. Without ``initial`` the body starts at this displacement,
@@ -231,6 +240,9 @@ def simulate(
     # As scenes tell it of a base at rest.
     if base is not None and isinstance(base, Mapping) and not base:
         base = None
+    relative = base_acceleration is not None
+    if relative:
+        load, force = _on_moving_base(system, base_acceleration, base, (load, nu), force)
     loads = Acting(load, nu, base, force, held, memory, coordinates)
     if resume is not None:
         if initial is not None:
@@ -245,7 +257,8 @@ def simulate(
             raise InputError(
                 "events: taken from the run that is resumed, must not be given with resume"
             )
-        return _heard(go_on(resume, end, want, progress, other, estimated))
+        run = go_on(resume, end, want, progress, other, estimated)
+        return _heard(run, relative or resume.relative_to_base)
     if end <= 0:
         raise InputError(f"t_end = {end:g}: must be greater than 0")
     breaks = breaks_of(force, base, len(system.dof_names))
@@ -269,7 +282,7 @@ def simulate(
         n = want.every * math.ceil(n / want.every)
         first = steps.first(n)
         try:
-            return _heard(by_tolerance(first, n, end, want, accuracy, progress))
+            return _heard(by_tolerance(first, n, end, want, accuracy, progress), relative)
         except NotMetError:
             if steps.at_first == 1 and (first.layers.seen or not first.has_layers):
                 raise
@@ -279,12 +292,26 @@ def simulate(
             first.layers.seen = True
         else:
             steps, _ = prepared(_SHARPER)
-        return _heard(by_tolerance(steps.first(n), n, end, want, accuracy, progress))
-    return _heard(_with_step(steps, end, _native.number("dt", dt, " or 'auto'"), estimated))
+        return _heard(by_tolerance(steps.first(n), n, end, want, accuracy, progress), relative)
+    run = _with_step(steps, end, _native.number("dt", dt, " or 'auto'"), estimated)
+    return _heard(run, relative)
 
 
-def _heard(run: Trajectory) -> Trajectory:
+def _on_moving_base(
+    system: object, acceleration: object, base: object, load: tuple[Any, float | None], force: Any
+) -> tuple[LoadLike | None, LoadTable | None]:
+    """Return the loads on coordinates relative to a base of an acceleration."""
+    if base is not None:
+        raise InputError("base and base_acceleration are both given: must be one of them")
+    if isinstance(system, Pendulum):
+        raise InputError("base_acceleration: is for a Mount; a Pendulum has its loads in itself")
+    return relative_loads(system, acceleration, at_frequency(*load), force)
+
+
+def _heard(run: Trajectory, relative: bool) -> Trajectory:
     """Warn of events that could not be found: functions without a value, or too fine."""
+    if relative:
+        run = replace(run, relative_to_base=True)
     watch = None if run._resume is None else run._resume.watch
     if watch is None or not run.stats["steps"]:
         return run

@@ -155,6 +155,8 @@ class Trajectory(Result):
         For each event the times ``t``, shape (m,), and states ``state``, shape (m, 2 n_dof), with
         estimated errors ``error`` and ``state_error``, shape (m,), if the run has an error
         estimate.
+    relative_to_base : bool
+        Whether coordinates are relative to the base, whose acceleration was given.
 
     Examples
     --------
@@ -186,6 +188,7 @@ class Trajectory(Result):
     _planned: Callable[..., Plan] = field(repr=False)
     resolution: float | None = None
     events: tuple[Passages, ...] = ()
+    relative_to_base: bool = False
 
     kind = "transient"
     _form = "trajectory"
@@ -338,6 +341,8 @@ class Trajectory(Result):
 
     def _details(self) -> list[str]:
         told = [] if self.reason is None else [self.reason]
+        if self.relative_to_base:
+            told.append("coordinates are relative to the base, whose acceleration is given")
         sure = "error not estimated" if self.error is None else f"estimated error {self.error:.1e}"
         return [*told, f"step {self.step:.6g}, {sure}", *self._told_events()]
 
@@ -681,6 +686,8 @@ class Trajectory(Result):
         }
         if self.error is not None:
             attributes["error"] = self.error
+        if self.relative_to_base:
+            attributes["relative_to"] = "base"
         coordinates = {"t": ("t", self.t * time, {"units": time_unit})}
         return xr.Dataset(variables, coords=coordinates, attrs=attributes)
 

@@ -1,8 +1,9 @@
-"""Loads in time from tables."""
+"""Loads in time from tables, and shocks by formula."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import dataclasses
+from dataclasses import dataclass, field
 from typing import Any, ClassVar
 
 import numpy as np
@@ -13,8 +14,6 @@ from viscovib._native import FloatArray
 from viscovib.common.values import own_fields, short_repr
 from viscovib.errors import InputError
 
-#: Pieces of a half sine: the spline is off by 6e-11 of its peak.
-_PIECES = 256
 #: Two times of a base closer than this, relative to the last, are a jump.
 _JUMP = 1e-12
 
@@ -35,6 +34,8 @@ class LoadTable:
         (m), or a column for each coordinate (for a body x, y, z, rx, ry, rz).
     on : str, int, mapping or array_like, optional
         For a `Structure` with values of shape (n,): direction of the load, as ``on`` of a `Spring`.
+    unit : {"m/s^2", "g"}
+        Only for accelerations: the unit of the values.
     interpolation : {"linear", "cubic"}
         Straight lines, or a spline that is twice continuously differentiable. Steps in time end on
         every corner and end, so the order of the integrator is kept.
@@ -52,6 +53,7 @@ class LoadTable:
     values: npt.ArrayLike
     interpolation: str = "linear"
     on: Any = None
+    unit: str = "m/s^2"
     _kinds: ClassVar[tuple[str, ...]] = ("linear", "cubic")
 
     __repr__ = short_repr
@@ -59,6 +61,7 @@ class LoadTable:
     def __post_init__(self) -> None:
         own_fields(self, "on")
         _native.choice("interpolation", self.interpolation, self._kinds)
+        _native.choice("unit", self.unit, ("m/s^2", "g"))
         for name in ("times", "values"):
             array = _native.real_array(name, getattr(self, name)).copy()
             array.setflags(write=False)
@@ -81,80 +84,41 @@ class LoadTable:
         if self.on is not None and values.ndim == 2:
             raise InputError("on: must not be given with values for every coordinate")
 
-    @classmethod
+    @staticmethod
     def half_sine(
-        cls, peak: npt.ArrayLike, duration: float, *, start: float = 0.0, on: Any = None
-    ) -> LoadTable:
-        """Return a half-sine shock peak sin(pi (t - start)/duration), to 6e-11 of its peak.
-
-        Parameters
-        ----------
-        peak : float or array_like, shape (n_dof,)
-            Force on the first coordinate, or on each (N, N m), for example from `Body.load`. An
-            acceleration a of the floor acts on the relative motion as the force -m a.
-        duration, start : float
-            Times (s).
-        on : str, int, mapping or array_like, optional
-            As for `LoadTable`.
+        peak: npt.ArrayLike, duration: float, *, start: float = 0.0, on: Any = None
+    ) -> HalfSine:
+        """Return ``HalfSine(amplitude=peak, ...)``.
 
         Examples
         --------
         >>> import viscovib as vv
         >>> shock = vv.LoadTable.half_sine(50.0, 0.011)
-        >>> round(float(shock(0.0055)), 6)
-        50.0
         """
-        places = np.linspace(0.0, 1.0, _PIECES + 1)
-        return cls._shock(peak, duration, start, on, places, np.sin(np.pi * places), "cubic")
+        return HalfSine(amplitude=peak, duration=duration, start=start, on=on)
 
-    @classmethod
+    @staticmethod
     def sawtooth(
-        cls, peak: npt.ArrayLike, duration: float, *, start: float = 0.0, on: Any = None
-    ) -> LoadTable:
-        """Return a terminal-peak sawtooth: a shock that grows linearly to its peak and ends there.
-
-        Parameters
-        ----------
-        peak, duration, start, on
-            As for `half_sine`.
+        peak: npt.ArrayLike, duration: float, *, start: float = 0.0, on: Any = None
+    ) -> Sawtooth:
+        """Return ``Sawtooth(amplitude=peak, ...)``.
 
         Examples
         --------
         >>> import viscovib as vv
         >>> shock = vv.LoadTable.sawtooth(50.0, 0.011)
-        >>> round(float(shock(0.0055)), 6)
-        25.0
         """
-        ends = np.array([0.0, 1.0])
-        return cls._shock(peak, duration, start, on, ends, ends, "linear")
-
-    @classmethod
-    def _shock(
-        cls, peak: npt.ArrayLike, duration: float, start: float, on: Any, places: FloatArray,
-        shape: FloatArray, interpolation: str,
-    ) -> LoadTable:  # fmt: skip
-        size = _native.real_array("peak", peak)
-        if size.ndim > 1:
-            raise InputError(f"peak: must be a number or have shape (n_dof,), got {size.shape}")
-        length, begin = _native.number("duration", duration), _native.number("start", start)
-        if not length > 0:
-            raise InputError(f"duration = {length:g}: must be greater than 0")
-        values = shape * size if size.ndim == 0 else np.multiply.outer(shape, size)
-        return cls(times=begin + length * places, values=values, interpolation=interpolation, on=on)
+        return Sawtooth(amplitude=peak, duration=duration, start=start, on=on)
 
     def __call__(self, t: npt.ArrayLike) -> FloatArray:
         """Load at times t, shape t.shape + values.shape[1:]."""
-        from scipy.interpolate import CubicSpline
-
         at = _native.real_array("t", t)
         times, values = np.asarray(self.times), np.asarray(self.values)
-        columns = values.reshape(times.size, -1)
-        if self.interpolation == "cubic":
-            result = CubicSpline(times, columns)(at)
-        else:
-            result = np.stack([np.interp(at, times, column) for column in columns.T], axis=-1)
-        result = np.where(((at >= times[0]) & (at <= times[-1]))[..., np.newaxis], result, 0.0)
-        return np.asarray(result.reshape(at.shape + values.shape[1:]))
+        i = np.clip(np.searchsorted(times, at, side="right") - 1, 0, times.size - 2)
+        a, x = self._cubics(values.reshape(times.size, -1))[:, :, i], at - times[i]
+        result = ((a[:, 0] * x + a[:, 1]) * x + a[:, 2]) * x + a[:, 3]
+        result = np.where((at >= times[0]) & (at <= times[-1]), result, 0.0)
+        return np.asarray(np.moveaxis(result, 0, -1).reshape(at.shape + values.shape[1:]))
 
     def _pieces(self, n_dof: int) -> FloatArray:
         """Cubics between the times as the core takes them, shape (n_dof, 4, n)."""
@@ -198,6 +162,12 @@ class LoadTable:
         inner = times[1:-1][jumps.any(axis=(0, 1))]
         return np.concatenate([times[:1], inner, times[-1:]])
 
+    def _refuse_g(self, name: str) -> None:
+        if self.unit == "g":
+            raise InputError(
+                f"{name}: is in g, must be no acceleration: give it as base_acceleration"
+            )
+
     @property
     def _columned(self) -> bool:
         """Whether it has a column for each coordinate."""
@@ -208,6 +178,7 @@ class LoadTable:
 
         0 columns: one displacement, q = 1; else one for each of the first coordinates, q = n_dof.
         """
+        self._refuse_g("base")
         times, values = np.asarray(self.times), np.asarray(self.values)
         wanted = (times.size, n_columns) if n_columns else (times.size,)
         if values.shape != wanted:
@@ -230,6 +201,7 @@ class LoadTable:
         values = np.asarray(self.values)
         if self.on is not None:
             raise InputError("on: is for the load of a Structure")
+        self._refuse_g("force")
         if values.ndim == 1:
             columns = np.zeros((values.size, n_dof))
             columns[:, 0] = values
@@ -239,6 +211,245 @@ class LoadTable:
                 f"values: must have {n_dof} columns for this system, got {values.shape[1]}"
             )
         return values
+
+
+class CubicTable(LoadTable):
+    """A load by cubics."""
+
+    @classmethod
+    def of(cls, times: FloatArray, cubics: FloatArray, on: Any = None) -> CubicTable:
+        """Return a load by cubics (n_dof, 4, n), or along the direction ``on`` by (1, 4, n)."""
+        values = cubics[0, 3] if on is not None else cubics[:, 3].T
+        table = cls(times=times, values=values, interpolation="cubic", on=on)
+        object.__setattr__(table, "_own_cubics", np.asfortranarray(cubics))
+        return table
+
+    def _cubics(self, values: FloatArray) -> FloatArray:
+        own: FloatArray = self._own_cubics  # type: ignore[attr-defined]
+        if self.on is None or values.shape[1] == 1:
+            return own
+        return np.asfortranarray(np.multiply.outer(np.asarray(self.on), own[0]))
+
+    def _columns(self, n_dof: int) -> FloatArray:
+        values = np.asarray(self.values)
+        return values if self.on is None else np.multiply.outer(values, np.asarray(self.on))
+
+
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class Shock(LoadTable):
+    """A load by a formula, as cubics of the core."""
+
+    times: FloatArray = field(init=False)
+    values: FloatArray = field(init=False)
+    interpolation: str = field(init=False, default="cubic")
+    amplitude: npt.ArrayLike
+    start: float = 0.0
+    _shape: ClassVar[str]
+
+    def __repr__(self) -> str:
+        given = [(one.name, one.default) for one in dataclasses.fields(self) if one.init]
+        words = [
+            f"{name}={getattr(self, name)!r}"
+            for name, default in given
+            if getattr(self, name) is not default
+        ]
+        return f"{type(self).__name__}({', '.join(words)})"
+
+    def __post_init__(self) -> None:
+        own_fields(self, "amplitude")
+        size = _native.real_array("amplitude", self.amplitude)
+        if size.ndim > 1:
+            raise InputError(
+                f"amplitude: must be a number or have shape (n_dof,), got {size.shape}"
+            )
+        begin = _native.number("start", self.start)
+        found = _native.run("motion shock", shape=self._shape, **self._numbers())
+        heights = found["cubics"][3]
+        object.__setattr__(self, "_shape_cubics", found["cubics"])
+        object.__setattr__(self, "times", begin + found["times"])
+        object.__setattr__(self, "values", np.multiply.outer(heights, size))
+        super().__post_init__()
+
+    def _numbers(self) -> dict[str, Any]:
+        """Numbers of the shape, as the core calls them."""
+        return {"duration": self._number("duration")}
+
+    def _number(self, name: str) -> float:
+        return _native.number(name, getattr(self, name))
+
+    def _cubics(self, values: FloatArray) -> FloatArray:
+        unit: FloatArray = self._shape_cubics  # type: ignore[attr-defined]
+        k = int(np.abs(unit[3]).argmax())
+        pieces = np.multiply.outer(values[k] / unit[3, k], unit)
+        pieces[:, :, -1] = 0.0
+        return np.asfortranarray(pieces)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class HalfSine(Shock):
+    """A half-sine shock amplitude sin(pi (t - start)/duration), to 4e-12 of its amplitude.
+
+    Parameters
+    ----------
+    amplitude : float or array_like, shape (n_dof,)
+        Peak: a force on the first coordinate, or on each (N, N m), or an acceleration of the base.
+    duration : float
+        Length (s).
+    start : float
+        Begin (s).
+    on, unit : optional
+        As for `LoadTable`.
+
+    Examples
+    --------
+    >>> import viscovib as vv
+    >>> shock = vv.HalfSine(amplitude=50.0, duration=0.011)
+    >>> round(float(shock(0.0055)), 9)
+    50.0
+    """
+
+    duration: float
+    _shape: ClassVar[str] = "half_sine"
+
+
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class Haversine(Shock):
+    """A haversine shock amplitude sin^2(pi (t - start)/duration), to 2e-12 of its amplitude.
+
+    Parameters
+    ----------
+    amplitude, duration, start, on, unit
+        As for `HalfSine`.
+
+    Examples
+    --------
+    >>> import viscovib as vv
+    >>> shock = vv.Haversine(amplitude=2.0, duration=1.0)
+    >>> round(float(shock(0.25)), 9)
+    1.0
+    """
+
+    duration: float
+    _shape: ClassVar[str] = "haversine"
+
+
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class Sawtooth(Shock):
+    """A terminal-peak sawtooth: a shock that grows linearly to its amplitude and ends there.
+
+    Parameters
+    ----------
+    amplitude, duration, start, on, unit
+        As for `HalfSine`.
+
+    Examples
+    --------
+    >>> import viscovib as vv
+    >>> shock = vv.Sawtooth(amplitude=50.0, duration=0.01)
+    >>> float(shock(0.005))
+    25.0
+    """
+
+    duration: float
+    _shape: ClassVar[str] = "sawtooth"
+
+
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class Trapezoid(Shock):
+    """A trapezoidal shock: it rises linearly, is constant, and falls linearly.
+
+    Parameters
+    ----------
+    amplitude, duration, start, on, unit
+        As for `HalfSine`; ``duration`` includes the flanks.
+    rise, fall : float, optional
+        Lengths of the flanks (s); a tenth of the duration, and the same as ``rise``. With 0 the
+        load jumps.
+
+    Examples
+    --------
+    >>> import viscovib as vv
+    >>> shock = vv.Trapezoid(amplitude=10.0, duration=1.0, rise=0.2)
+    >>> [round(float(shock(t)), 12) for t in (0.1, 0.5, 0.9)]
+    [5.0, 10.0, 5.0]
+    """
+
+    duration: float
+    rise: float | None = None
+    fall: float | None = None
+    _shape: ClassVar[str] = "trapezoid"
+
+    def _numbers(self) -> dict[str, Any]:
+        length = self._number("duration")
+        rise = 0.1 * length if self.rise is None else self._number("rise")
+        fall = rise if self.fall is None else self._number("fall")
+        return {"duration": length, "rise": rise, "fall": fall}
+
+
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class Chirp(Shock):
+    """A sine sweep amplitude sin(phase), whose frequency goes from one value to another.
+
+    Parameters
+    ----------
+    amplitude, duration, start, on, unit
+        As for `HalfSine`.
+    hz : tuple of two floats
+        First and last frequency (Hz, not rad/s).
+    sweep : {"linear", "logarithmic"}
+        How the frequency depends on time.
+
+    Notes
+    -----
+    The error is 6e-11 of the amplitude. Each cycle of the highest frequency has 512 cubics, on
+    whose ends steps in time end; at most 1900 cycles.
+
+    Examples
+    --------
+    >>> import viscovib as vv
+    >>> sweep = vv.Chirp(amplitude=1.0, duration=2.0, hz=(1.0, 3.0))
+    >>> round(float(sweep(0.5)), 9)  # phase 2 pi (1 + 0.5 t) t
+    -0.707106781
+    """
+
+    duration: float
+    hz: tuple[float, float]
+    sweep: str = "linear"
+    _shape: ClassVar[str] = "chirp"
+
+    def _numbers(self) -> dict[str, Any]:
+        own_fields(self, "hz")
+        ends = _native.real_array("hz", self.hz)
+        if ends.shape != (2,):
+            raise InputError(f"hz: must be two frequencies, got shape {ends.shape}")
+        sweep = _native.choice("sweep", self.sweep, ("linear", "logarithmic"))
+        return {
+            "duration": self._number("duration"), "first_hz": float(ends[0]),
+            "last_hz": float(ends[1]), "is_logarithmic": sweep == "logarithmic",
+        }  # fmt: skip
+
+
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class Step(Shock):
+    """A step: the load is constant from a time on.
+
+    Parameters
+    ----------
+    amplitude, start, on, unit
+        As for `HalfSine`.
+
+    Examples
+    --------
+    >>> import viscovib as vv
+    >>> step = vv.Step(amplitude=3.0, start=1.0)
+    >>> step([0.5, 1.0, 100.0]).tolist()
+    [0.0, 3.0, 3.0]
+    """
+
+    _shape: ClassVar[str] = "step"
+
+    def _numbers(self) -> dict[str, Any]:
+        return {}
 
 
 def added(

@@ -61,6 +61,7 @@ def table_columns(
         return np.zeros((n, 1)), np.zeros(1), np.zeros((1, 4, 1), order="F")
     if not isinstance(force, LoadTable):
         raise InputError(f"force = {_native.shown(force)}: must be a LoadTable")
+    force._refuse_g("force")
     times = np.asarray(force.times)
     values = np.asarray(force.values)
     if values.ndim == 1:

@@ -1,0 +1,133 @@
+"""Accelerations of the base: the loads -M b a(t) of coordinates relative to it."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from viscovib import _native, units
+from viscovib._native import ComplexArray, FloatArray
+from viscovib.errors import InputError, RangeWarning, caller
+from viscovib.systems.load import LoadLike, load_series, name_places
+from viscovib.systems.load_table import CubicTable, LoadTable, Shock, added
+
+#: Acceleration (m/s^2) above which the unit of a record is doubted.
+_LARGE = 4000.0
+#: Part of a record at each end, relative difference and relative size of an offset.
+_TAIL, _ALIKE, _OFFSET = 0.05, 0.3, 1e-6
+
+
+def relative_loads(
+    system: Any, acceleration: Any, load: LoadLike | None, force: LoadTable | None
+) -> tuple[LoadLike | None, LoadTable | None]:
+    """Return all loads on coordinates relative to a base of an acceleration."""
+    n = len(system.dof_names)
+    named = isinstance(acceleration, Mapping) and any(isinstance(k, str) for k in acceleration)
+    parts = acceleration.items() if named else [(None, acceleration)]
+    series: dict[int, ComplexArray] = {}
+    for name, part in parts:
+        where = "base_acceleration" if name is None else f"base_acceleration[{name!r}]"
+        push = -_inertia(system, where, name)
+        if isinstance(part, LoadTable):
+            force = _with_table(where, part, push, force, n)
+            continue
+        if isinstance(part, (str, bytes)):
+            raise InputError(
+                f"{where} = {_native.shown(part)}: must be a LoadTable, a shock such as HalfSine, "
+                "a number or {order: number}"
+            )
+        orders, found = load_series(part, None, 1)
+        for order, value in zip(orders.tolist(), found[0], strict=True):
+            series[order] = series.get(order, 0) + push * value
+    if series:
+        orders, found = load_series(load, None, n, name_places(system.dof_names))
+        for order, column in zip(orders.tolist(), found[:n].T, strict=True):
+            series[order] = series.get(order, 0) + column
+        load = series
+    return load, force
+
+
+def _inertia(system: Any, where: str, name: str | None) -> FloatArray:
+    """M b, for the direction b in which the base moves."""
+    n = len(system.dof_names)
+    direction = system._base_direction
+    if name is not None:
+        names: tuple[str, ...] = getattr(system, "_base_names", ())
+        if name not in names:
+            raise InputError(
+                f"{where}: must be one of {', '.join(names)}"
+                if names
+                else f"{where}: the base of this system moves along its base_direction, must have "
+                "no name"
+            )
+        direction = np.zeros(n)
+        direction[names.index(name)] = 1.0
+        system._check_base_motion(direction[: len(names), np.newaxis])
+        space = getattr(system, "_space", None)
+        if space is not None and any((matrix @ direction).any() for matrix in space):
+            raise InputError(
+                f"{where}: the weight or the spin does not turn with the base, must be a motion of "
+                "the base (base=)"
+            )
+    elif direction is None:
+        raise InputError(
+            f"{where}: this system has no base_direction: give it one, or the acceleration of a "
+            "coordinate, as {'z': ...}"
+        )
+    mass = system._mass_matrix if hasattr(system, "_mass_matrix") else system.mass
+    push = np.asarray(mass @ direction, dtype=float)
+    if not push.any():
+        raise InputError(f"{where}: no mass moves in this direction of the base")
+    return push
+
+
+def _with_table(
+    where: str, table: LoadTable, push: FloatArray, force: LoadTable | None, n: int
+) -> LoadTable:
+    """Return a load in time with that of an acceleration."""
+    times, values = np.asarray(table.times), np.asarray(table.values)
+    if values.ndim != 1 or table.on is not None:
+        raise InputError(f"{where}: must have values of shape (n,), without on")
+    factor = units.g if table.unit == "g" else 1.0
+    warn_of_record(where, values, table.unit, not isinstance(table, Shock))
+    cubics = factor * table._cubics(values[:, np.newaxis])
+    if force is None and n == 1:
+        return CubicTable.of(times, push[0] * cubics)
+    if force is None:
+        # One direction, however many coordinates there are.
+        return CubicTable.of(times, cubics, on=push)
+    if not isinstance(force, LoadTable):
+        raise InputError(f"force = {_native.shown(force)}: must be a LoadTable")
+    own = times, np.multiply.outer(push, cubics[0])
+    return CubicTable.of(*added((np.asarray(force.times), force._pieces(n)), own))
+
+
+def warn_of_record(name: str, values: FloatArray, unit: str, is_record: bool) -> None:
+    """Warn of a unit that looks wrong, and of an offset of a record."""
+    peak = float(np.abs(values).max()) * (units.g if unit == "g" else 1.0)
+    if peak > _LARGE:
+        warnings.warn(
+            f"{name}: its peak is {peak:.6g} m/s^2 = {peak / units.g:.6g} g: check that it is in "
+            f"{unit}",
+            RangeWarning,
+            stacklevel=caller(),
+        )
+    # Four stretches at both ends have the same mean: an offset, unlike the flanks of a pulse.
+    tail = int(_TAIL * values.size)
+    if tail < 4 or not is_record:
+        return
+    half = tail // 2
+    ends = values[:half], values[half:tail], values[-tail:-half], values[-half:]
+    means = np.array([one.mean() for one in ends])
+    offset = float(means.mean())
+    apart, size = float(np.abs(means - offset).max()), float(np.abs(values).max())
+    if apart < _ALIKE * abs(offset) and abs(offset) > _OFFSET * size:
+        warnings.warn(
+            f"{name}: begins and ends with an offset of {offset:.4g} {unit}, with which the base "
+            "drifts: subtract it",
+            RangeWarning,
+            stacklevel=caller(),
+        )
