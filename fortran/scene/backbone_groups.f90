@@ -107,7 +107,7 @@ contains
     allocate (job%switch(0))
     job%mode = reader%read_integer('mode', 0)
     call read_ends(reader, job)
-    call reader%read_count('harmonics', job%harmonics, 'auto', job%choose_harmonics)
+    call reader%read_count('harmonics', job%harmonics, job%choose_harmonics)
     call read_curve(reader, job%options)
     name = ''
     if (reader%has('dof')) then
@@ -130,7 +130,7 @@ contains
                             job%parameter)
     call read_ends(reader, job)
     job%subharmonic = reader%read_integer('subharmonic', 1)
-    call reader%read_count('harmonics', job%harmonics, 'auto', job%choose_harmonics)
+    call reader%read_count('harmonics', job%harmonics, job%choose_harmonics)
     call read_curve(reader, job%options)
     job%stability = read_yes(reader, 'stability')
     word = reader%read_text('symmetry', 'any', [character(len=4) :: 'any', 'kept'], symmetry)

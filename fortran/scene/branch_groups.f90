@@ -51,8 +51,7 @@ contains
     job%nu = job%curve%start
     if (choice > 1) job%nu = reader%read_real('nu')
     job%options%choose_harmonics = .true.
-    call reader%read_count('harmonics', job%options%harmonics, 'auto', &
-                           job%options%choose_harmonics)
+    call reader%read_count('harmonics', job%options%harmonics, job%options%choose_harmonics)
     job%options%keep_idle = .true.
     call read_curve(reader, job%curve, subject%usual_tolerance())
     job%options%tolerance = job%curve%tolerance

@@ -51,7 +51,7 @@ contains
     if (reader%status%failed()) return
     most = largest_bound(job%torus%n_axes, 1.0_wp, max_unknowns)
     job%harmonics = default_bound(job%torus)
-    call reader%read_count('harmonics', job%harmonics, 'auto', job%choose_harmonics)
+    call reader%read_count('harmonics', job%harmonics, job%choose_harmonics)
     call check_between(reader, 'harmonics', job%harmonics, lowest_bound(job%torus), most)
     call read_curve(reader, job%options)
     job%stability = read_yes(reader, 'stability')

@@ -1,5 +1,5 @@
-!> Typed reading of one group: every key is asked for by name and type, and
-!! what nobody asked for is an error.
+!> Typed reading of one group: every key is read by name and type. Its default, bounds and allowed
+!! words are those of its row in `scenes.toml`. A key that is not read is an error.
 !!
 !! The reader also writes down, in `echo`, each value as it was understood,
 !! defaults included; the echoes of all groups make up the canonical scene.
@@ -10,6 +10,7 @@ module viscovib_group_reader
   use viscovib_namelist, only: group_type, lower
   use viscovib_near_words, only: closest, doubled, listed, longest, means, off_by
   use viscovib_number_text, only: exact, exact_list, parse_integer, parse_real
+  use viscovib_scene_table, only: find_group, group_table, key_row, key_table, words_of
   use viscovib_status, only: clipped, fail, show, status_input_error, status_type
   implicit none
   private
@@ -23,7 +24,9 @@ module viscovib_group_reader
     type(status_type) :: status
     !> Canonical lines of the group.
     character(len=:), allocatable :: echo
-    character(len=longest), allocatable, private :: known(:)
+    !> Rows of the group in `key_table`, and which of them were read.
+    integer, private :: first = 1, last = 0
+    logical, allocatable, private :: was_read(:)
   contains
     procedure :: start
     procedure :: has
@@ -31,6 +34,7 @@ module viscovib_group_reader
     procedure :: read_real
     procedure :: read_integer
     procedure :: read_count
+    procedure :: read_yes
     procedure :: read_text
     procedure :: read_reals
     procedure :: read_integers
@@ -44,6 +48,10 @@ module viscovib_group_reader
     procedure :: finish
     procedure :: close
     procedure, private :: look_up
+    procedure, private :: row_of
+    procedure, private :: check
+    procedure, private :: choose
+    procedure, private :: known
     procedure, private :: miss
     procedure, private :: one_value
     procedure, private :: number
@@ -58,7 +66,11 @@ contains
     self%path = path
     self%group = group
     self%echo = '&'//group%name//new_line('a')
-    allocate (self%known(0))
+    associate (row => group_table(max(find_group(group%name), 1)))
+      self%first = row%first
+      self%last = row%last
+    end associate
+    allocate (self%was_read(self%first:self%last), source=.false.)
   end subroutine start
 
   pure logical function has(self, key)
@@ -72,8 +84,40 @@ contains
     class(group_reader), intent(inout) :: self
     character(len=*), intent(in) :: key
     may_have = self%has(key)
-    if (.not. may_have) self%known = [character(len=longest) :: self%known, key]
+    if (.not. may_have) self%was_read(self%row_of(key)) = .true.
   end function may_have
+
+  !> The row of a key for the system of the scene; 0 if there is none.
+  pure integer function row_of(self, key) result(row)
+    class(group_reader), intent(in) :: self
+    character(len=*), intent(in) :: key
+    do row = self%last, self%first, -1
+      if (iand(key_table(row)%systems, self%group%systems) == 0) cycle
+      if (key_table(row)%name == key .or. key_table(row)%name == '*') return
+    end do
+    row = 0
+  end function row_of
+
+  !> True if a key has been read.
+  pure logical function known(self, key)
+    class(group_reader), intent(in) :: self
+    character(len=*), intent(in) :: key
+    integer :: row
+    row = self%row_of(key)
+    known = row > 0
+    if (known) known = self%was_read(row)
+  end function known
+
+  !> Fail if a number is out of the bounds of its row.
+  subroutine check(self, key, row, value)
+    class(group_reader), intent(inout) :: self
+    character(len=*), intent(in) :: key
+    type(key_row), intent(in) :: row
+    real(wp), intent(in) :: value
+    if (.not. row%allows(value)) then
+      call self%complain(key, key//' = '//show(value)//': '//trim(row%must))
+    end if
+  end subroutine check
 
   !> Fail at the line of a key.
   subroutine complain(self, key, message, category)
@@ -106,14 +150,25 @@ contains
     if (status%failed()) call self%complain(status%subject, status%message)
   end subroutine place
 
-  !> Index of a key that may be absent if a default is given.
-  integer function look_up(self, key, optional) result(i)
+  !> Index of a key and its row. It may be absent if there is a default.
+  integer function look_up(self, key, optional, row) result(i)
     class(group_reader), intent(inout) :: self
     character(len=*), intent(in) :: key
     logical, intent(in) :: optional
-    self%known = [character(len=longest) :: self%known, key]
+    type(key_row), intent(out) :: row
+    integer :: place
+
+    i = 0
+    place = self%row_of(key)
+    if (place == 0) then
+      call self%complain(key, "'"//key//"' has no row for this system in &"//self%group%name &
+                         //' of fortran/spec/scenes.toml')
+      return
+    end if
+    row = key_table(place)
+    self%was_read(place) = .true.
     i = self%group%find(key)
-    if (i == 0 .and. .not. optional) call self%miss(key)
+    if (i == 0 .and. .not. (optional .or. row%has_default)) call self%miss(key)
     if (self%status%failed()) i = 0
   end function look_up
 
@@ -125,7 +180,7 @@ contains
 
     do i = 1, self%group%n_entries
       associate (given => self%group%entries(i)%key)
-        if (any(self%known == given)) cycle
+        if (self%known(given)) cycle
         if (off_by(given, key) > max(len(key)/4, 1) .and. .not. means(given, key)) cycle
         call self%complain(given, unknown(given, self%group%name)//"; did you mean '"//key//"'?")
       end associate
@@ -173,15 +228,17 @@ contains
   real(wp) function read_real(self, key, default) result(value)
     class(group_reader), intent(inout) :: self
     character(len=*), intent(in) :: key
+    !> In place of that of the table.
     real(wp), intent(in), optional :: default
+    type(key_row) :: row
     integer :: i
 
-    value = 0.0_wp
-    i = self%look_up(key, present(default))
+    i = self%look_up(key, present(default), row)
+    value = row%default
+    if (present(default)) value = default
     if (i > 0) then
       value = self%number(key, self%one_value(i, .false., 'a number'))
-    else if (present(default)) then
-      value = default
+      call self%check(key, row, value)
     end if
     self%echo = self%echo//'  '//key//' = '//exact(value)//new_line('a')
   end function read_real
@@ -189,13 +246,16 @@ contains
   integer function read_integer(self, key, default) result(value)
     class(group_reader), intent(inout) :: self
     character(len=*), intent(in) :: key
+    !> In place of that of the table.
     integer, intent(in), optional :: default
+    type(key_row) :: row
     character(len=:), allocatable :: text
     logical :: ok
     integer :: i
 
-    value = 0
-    i = self%look_up(key, present(default))
+    i = self%look_up(key, present(default), row)
+    value = nint(row%default)
+    if (present(default)) value = default
     if (i > 0) then
       text = self%one_value(i, .false., 'an integer')
       call parse_integer(text, value, ok)
@@ -205,94 +265,117 @@ contains
       if (ok .and. value < -huge(value)) call self%complain(key, key//' = '//text &
                                                             //': must be an integer of at least ' &
                                                             //show(-huge(value)))
-    else if (present(default)) then
-      value = default
+      call self%check(key, row, real(value, wp))
     end if
     self%echo = self%echo//'  '//key//' = '//show(value)//new_line('a')
   end function read_integer
 
-  !> An integer, or a quoted word instead; then the default, and `other` is true.
-  subroutine read_count(self, key, value, word, other)
+  !> An integer, or 'auto'; then the default, and `chosen` is true.
+  subroutine read_count(self, key, value, chosen)
     class(group_reader), intent(inout) :: self
-    character(len=*), intent(in) :: key, word
+    character(len=*), intent(in) :: key
     !> Hold the default on entry.
     integer, intent(inout) :: value
-    logical, intent(inout) :: other
+    logical, intent(out) :: chosen
     character(len=:), allocatable :: text
     integer :: i
 
     i = self%group%find(key)
+    chosen = i == 0
     if (i > 0) then
-      other = self%group%entries(i)%values(1)%quoted
+      chosen = self%group%entries(i)%values(1)%quoted
       text = self%group%entries(i)%values(1)%text
-      if (.not. other .and. text == word) then
-        call self%complain(key, key//' = '//text//': must be an integer or, in quotes, ''' &
-                           //word//'''')
+      if (.not. chosen .and. text == 'auto') then
+        call self%complain(key, key//" = auto: must be an integer or, in quotes, 'auto'")
         return
       end if
     end if
-    if (other) then
-      text = self%read_text(key, word, [word])
+    if (chosen) then
+      text = self%read_text(key, allowed=['auto'])
     else
-      value = self%read_integer(key, value)
+      value = self%read_integer(key)
     end if
   end subroutine read_count
 
-  !> A quoted word; with `allowed`, its position there is `choice`.
+  !> 'yes' or 'no'.
+  logical function read_yes(self, key)
+    class(group_reader), intent(inout) :: self
+    character(len=*), intent(in) :: key
+    read_yes = self%read_text(key) == 'yes'
+  end function read_yes
+
+  !> A quoted text; one of the words of the table, or of `allowed` in place of them, if there are
+  !! any. The position of the word is `choice`.
   function read_text(self, key, default, allowed, choice) result(text)
     class(group_reader), intent(inout) :: self
     character(len=*), intent(in) :: key
     character(len=*), intent(in), optional :: default, allowed(:)
     integer, intent(out), optional :: choice
-    character(len=:), allocatable :: text, meant
+    type(key_row) :: row
+    character(len=:), allocatable :: text
     integer :: i
 
-    text = ''
-    i = self%look_up(key, present(default))
+    i = self%look_up(key, present(default), row)
     if (i > 0) then
       text = self%one_value(i, .true., 'a quoted text')
     else if (present(default)) then
       text = default
+    else
+      text = trim(row%default_text)
     end if
+    i = 1
     if (present(allowed)) then
-      text = lower(text)
-      do i = size(allowed), 1, -1
-        if (allowed(i) == text) exit
-      end do
-      if (i == 0) then
-        meant = ''
-        i = closest(text, allowed)
-        if (i > 0) meant = "; did you mean '"//trim(allowed(i))//"'?"
-        call self%complain(key, key//" = '"//clipped(text)//"': must be one of " &
-                           //listed(allowed, "'")//meant)
-        i = 0
-      end if
-      if (present(choice)) choice = max(i, 1)
+      call self%choose(key, allowed, text, i)
+    else if (row%words /= '') then
+      call self%choose(key, words_of(row%words), text, i)
     end if
+    if (present(choice)) choice = i
     self%echo = self%echo//'  '//key//" = '"//doubled(self%group%written(key, text))//"'" &
                 //new_line('a')
   end function read_text
 
-  !> A list of numbers, of size n if given; empty without a default if absent.
+  !> Which of the words a text is, 1 if it is none.
+  subroutine choose(self, key, words, text, choice)
+    class(group_reader), intent(inout) :: self
+    character(len=*), intent(in) :: key, words(:)
+    character(len=:), allocatable, intent(inout) :: text
+    integer, intent(out) :: choice
+    character(len=:), allocatable :: meant
+
+    text = lower(text)
+    do choice = size(words), 1, -1
+      if (words(choice) == text) return
+    end do
+    meant = ''
+    choice = closest(text, words)
+    if (choice > 0) meant = "; did you mean '"//trim(words(choice))//"'?"
+    call self%complain(key, key//" = '"//clipped(text)//"': must be one of "//listed(words, "'") &
+                       //meant)
+    choice = 1
+  end subroutine choose
+
+  !> A list of numbers, of size n or that of the table if given; if absent, so many times the
+  !! default of the table.
   function read_reals(self, key, n, default) result(values)
     class(group_reader), intent(inout) :: self
     character(len=*), intent(in) :: key
     integer, intent(in), optional :: n
     real(wp), intent(in), optional :: default(:)
     real(wp), allocatable :: values(:)
+    type(key_row) :: row
     real(wp) :: value
-    integer :: i, j, last
+    integer :: i, j, last, length
 
-    allocate (values(0))
-    i = self%look_up(key, present(default))
+    i = self%look_up(key, present(default), row)
+    length = row%length
+    if (present(n)) length = n
     if (i > 0) then
       associate (entry => self%group%entries(i))
-        if (present(n)) then
-          if (entry%n_values /= n) call self%complain(key, key//' has '//show(entry%n_values) &
-                                                      //' values: must be '//show(n))
+        if ((present(n) .or. length > 0) .and. entry%n_values /= length) then
+          call self%complain(key, key//' has '//show(entry%n_values)//' values: must be ' &
+                             //show(length))
         end if
         if (.not. self%status%failed()) then
-          deallocate (values)
           allocate (values(entry%n_values))
           last = 0
           value = 0.0_wp
@@ -302,6 +385,7 @@ contains
                                  //"': must be numbers")
             else
               value = self%number(key, entry%values(j)%text)
+              call self%check(key, row, value)
             end if
             if (self%status%failed()) exit
             values(last + 1:last + entry%values(j)%repeats) = value
@@ -311,12 +395,11 @@ contains
       end associate
     else if (present(default)) then
       values = default
+    else
+      if (.not. present(n)) length = max(length, 1)
+      allocate (values(length), source=row%default)
     end if
-    if (self%status%failed()) then
-      last = 0
-      if (present(n)) last = n
-      values = [(0.0_wp, j=1, last)]
-    end if
+    if (self%status%failed()) values = [(0.0_wp, j=1, length)]
     call self%echo_reals(key, values)
   end function read_reals
 
@@ -327,11 +410,12 @@ contains
     integer, intent(in) :: n
     integer :: values(n)
     type(growing_text) :: line
+    type(key_row) :: row
     logical :: ok
     integer :: i, j, last, value
 
     values = 0
-    i = self%look_up(key, .false.)
+    i = self%look_up(key, .false., row)
     if (i == 0) return
     associate (entry => self%group%entries(i))
       if (entry%n_values /= n) then
@@ -365,10 +449,11 @@ contains
     character(len=*), intent(in) :: key
     integer, intent(in) :: most
     integer, allocatable :: values(:)
+    type(key_row) :: row
     integer :: i
 
     allocate (values(0))
-    i = self%look_up(key, .true.)
+    i = self%look_up(key, .true., row)
     if (i == 0) return
     associate (given => self%group%entries(i)%n_values)
       if (given <= most) then
@@ -387,10 +472,11 @@ contains
     character(len=*), intent(in), optional :: default(:)
     character(len=length), allocatable :: words(:)
     type(growing_text) :: line
+    type(key_row) :: row
     integer :: i, j, last
 
     allocate (words(0))
-    i = self%look_up(key, present(default))
+    i = self%look_up(key, present(default), row)
     if (i > 0) then
       associate (entry => self%group%entries(i))
         if (entry%n_values > most) then
@@ -441,9 +527,10 @@ contains
     class(group_reader), intent(inout) :: self
     character(len=*), intent(in) :: key
     character(len=:), allocatable :: path, given
+    type(key_row) :: row
     integer :: i
     path = ''
-    i = self%look_up(key, .true.)
+    i = self%look_up(key, .true., row)
     if (i == 0) return
     path = self%one_value(i, .true., 'a quoted file name')
     if (self%status%failed()) return
@@ -480,19 +567,21 @@ contains
   !> Close the group: keys that were never asked for are errors.
   subroutine finish(self)
     class(group_reader), intent(inout) :: self
+    character(len=longest), allocatable :: names(:)
     integer :: i, near
 
     self%echo = self%echo//'/'//new_line('a')
     do i = 1, self%group%n_entries
       associate (key => self%group%entries(i)%key)
-        if (any(self%known == key)) cycle
-        near = closest(key, self%known)
+        if (self%known(key)) cycle
+        names = pack(key_table(self%first:self%last)%name, self%was_read)
+        near = closest(key, names)
         if (near > 0) then
           call self%complain(key, unknown(key, self%group%name)//"; did you mean '" &
-                             //trim(self%known(near))//"'?")
+                             //trim(names(near))//"'?")
         else
           call self%complain(key, unknown(key, self%group%name)//': must be one of ' &
-                             //listed(self%known, ''))
+                             //listed(names, ''))
         end if
       end associate
     end do

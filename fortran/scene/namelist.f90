@@ -44,6 +44,8 @@ module viscovib_namelist
     integer :: n_entries = 0
     !> Files that it names may be anywhere, not only in the folder of the scene and below.
     logical :: anywhere = .false.
+    !> Bit of the system of the scene (`system_groups`); all if it is not known.
+    integer :: systems = -1
     !> Parameters that its laws may name; not allocated: the scene has none.
     character(len=longest), allocatable :: names(:)
     real(wp), allocatable :: values(:)

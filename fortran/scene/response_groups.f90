@@ -36,7 +36,7 @@ contains
     method = 0
     word = reader%read_text('method', 'auto', method_names, method)
     options%choose_harmonics = .true.
-    call reader%read_count('harmonics', options%harmonics, 'auto', options%choose_harmonics)
+    call reader%read_count('harmonics', options%harmonics, options%choose_harmonics)
     call read_relative(reader, options%tolerance, usual)
     options%absolute = reader%read_real('atol', 0.0_wp)
     options%max_iterations = reader%read_integer('max_iterations', options%max_iterations)

@@ -1,0 +1,143 @@
+"""Fill the rows of groups and keys of scenes into their module.
+
+`fill_scenes.py scenes.toml curve_options.py scene_table.f90.in scene_table.f90`, in the build.
+The page of scenes and the tests import `read_groups`.
+"""
+
+import runpy
+import sys
+import tomllib
+from pathlib import Path
+from typing import Any
+
+SYSTEMS = ("mount", "system", "structure", "body", "pendulum")
+ROLES = ("scene", "system", "part", "result")
+BOUNDS = ("above", "at_least", "below", "at_most")
+#: What a group and a row may have.
+GROUP = {"name", "text", "role", "systems", "needs", "repeats", "python", "keys", "sets"}
+ROW = {"type", "default", "otherwise", *BOUNDS, "must", "words", "size", "unit", "text", "systems"}
+ROW |= {"when", "python"}
+LARGEST = "1.7976931348623157e308"
+
+
+def read_groups(table: Path, options: Path) -> list[dict[str, Any]]:
+    """Return the groups in order, each with ``rows``: dictionaries with ``name`` and ``systems``."""
+    content = tomllib.loads(table.read_text(encoding="utf-8"))
+    sets = {one["name"]: dict(one["keys"]) for one in content["set"]}
+    sets["curve"] = {**_curve_rows(options), **sets["curve"]}
+    for group in content["group"]:
+        _check(set(group) <= GROUP and group["role"] in ROLES, group["name"])
+        group.setdefault("systems", list(SYSTEMS))
+        rows = dict(group.get("keys", {}))
+        for name in group.get("sets", ()):
+            rows |= sets[name]
+        group["rows"] = [
+            {"systems": group["systems"], **row, "name": key}
+            for key, value in rows.items()
+            for row in (value if isinstance(value, list) else [value])
+        ]
+        for row in group["rows"]:
+            where = f"{group['name']}.{row['name']}"
+            _check(set(row) <= ROW | {"name"} and {"type", "text"} <= set(row), where)
+            _check(set(row["systems"]) <= set(group["systems"]), where)
+            row["must"] = phrase(row)
+    return content["group"]
+
+
+def _check(right: bool, where: str) -> None:
+    if not right:
+        raise SystemExit(f"scenes.toml: {where} has a wrong attribute")
+
+
+def _curve_rows(options: Path) -> dict[str, dict[str, Any]]:
+    """Return the options of curves as rows."""
+    known = runpy.run_path(str(options))
+    rows = {}
+    for name, option in known["OPTIONS"].items():
+        whole = name in known["WHOLE"]
+        rows[name] = {
+            "type": "integer" if whole else "real",
+            "at_least": option.lowest,
+            "at_most": option.highest,
+            "text": option.text,
+        }
+        if option.default is None:
+            rows[name]["otherwise"] = "selected by the system"
+        else:
+            rows[name]["default"] = option.default
+    return rows
+
+
+def phrase(row: dict[str, Any]) -> str:
+    """Return what the message of a number out of bounds says."""
+    if "must" in row:
+        return f"must be {row['must']}"
+    low, high = row.get("above", row.get("at_least")), row.get("below", row.get("at_most"))
+    low, high = (None if x is None else str(x) if isinstance(x, int) else f"{x:g}" for x in (low, high))
+    if low is None or high is None:
+        if "at_least" in row:
+            return "must not be negative" if low == "0" else f"must be at least {low}"
+        return f"must be greater than {low}" if low else f"must be at most {high}" if high else ""
+    if "integer" in row["type"] or row["type"] == "count":
+        return f"must be {low} to {high}"
+    return f"must be in {'(' if 'above' in row else '['}{low}, {high}{')' if 'below' in row else ']'}"
+
+
+def _number(value: float) -> str:
+    return f"{float(value)!r}_wp"
+
+
+def _flag(value: object) -> str:
+    return ".true." if value else ".false."
+
+
+def _bits(systems: list[str]) -> int:
+    return sum(1 << SYSTEMS.index(name) for name in systems)
+
+
+def key_row(row: dict[str, Any]) -> str:
+    """Return the constructor of a row in Fortran."""
+    default = row.get("default")
+    lowest = row.get("above", row.get("at_least", f"-{LARGEST}"))
+    highest = row.get("below", row.get("at_most", LARGEST))
+    given = default if isinstance(default, str) else ""
+    return ", &\n      ".join(
+        [
+            f"key_row('{row['name']}', {_bits(row['systems'])}, {_flag(default is not None)}, "
+            f"{_number(0.0 if default is None or given or default == '' else default)}, '{given}'",
+            f"{row.get('size', 0)}, {_number(lowest)}, {_number(highest)}, "
+            f"{_flag('above' in row)}, {_flag('below' in row)}",
+            f"'{row['must']}'",
+            f"'{' '.join(row.get('words', []))}')",
+        ]
+    )
+
+
+def module(groups: list[dict[str, Any]], template: str) -> str:
+    """Return the module."""
+    filled: dict[str, list[str]] = {"systems": [", ".join(f"'{one}'" for one in SYSTEMS) + " &"]}
+    filled |= {"keys": [], "all_keys": [], "groups": []}
+    names, rows, last = [], [], 0
+    for group in groups:
+        first, last = last + 1, last + len(group["rows"])
+        rows.append(
+            f"group_row('{group['name']}', {first}, {last}, {_bits(group['systems'])}, "
+            f"role_{group['role']}, {_flag(group.get('repeats'))}, '{group.get('needs', '')}')"
+        )
+        if group["rows"]:
+            names.append(f"keys_of_{group['name']}")
+            listed = ", &\n    ".join(map(key_row, group["rows"]))
+            filled["keys"].append(f"type(key_row), parameter :: {names[-1]}(*) = [ &\n    {listed}]")
+    filled["all_keys"] = [", &\n    ".join(names) + " &"]
+    filled["groups"] = [", &\n    ".join(rows) + " &"]
+    for place, lines in filled.items():
+        template = template.replace(f"@{place}@", "\n".join(f"    {line}" for line in lines))
+    return template
+
+
+if __name__ == "__main__":
+    table, options, template, target = map(Path, sys.argv[1:])
+    text = module(read_groups(table, options), template.read_text(encoding="utf-8"))
+    # A file that is the same keeps its time, or every configuration would compile all that uses it.
+    if not target.exists() or target.read_text(encoding="utf-8") != text:
+        target.write_text(text, encoding="utf-8")
