@@ -1,9 +1,8 @@
 !> The &backbone group of a scene.
 module viscovib_backbone_groups
-  use viscovib_backbone_job, only: backbone_job, backbone_parameters
+  use viscovib_backbone_job, only: backbone_job
   use viscovib_backbone_plan, only: backbone_plan_type, new_backbone_plan
-  use viscovib_checks, only: check_positive
-  use viscovib_curve_groups, only: check_between, read_curve, read_switch, read_yes
+  use viscovib_curve_groups, only: check_between, read_curve, read_switch
   use viscovib_free_orders, only: most_chosen
   use viscovib_free_structure, only: free_structure, structure_modes
   use viscovib_group_reader, only: group_reader
@@ -105,7 +104,7 @@ contains
     character(len=:), allocatable :: word
 
     allocate (job%switch(0))
-    job%mode = reader%read_integer('mode', 0)
+    job%mode = reader%read_integer('mode')
     call read_ends(reader, job)
     call reader%read_count('harmonics', job%harmonics, job%choose_harmonics)
     call read_curve(reader, job%options)
@@ -123,22 +122,18 @@ contains
     type(backbone_job), intent(out) :: job
     character(len=:), allocatable :: word
     real(wp) :: omega(3), shapes(3, 3)
-    integer :: symmetry
 
-    job%mode = reader%read_integer('mode', 0)
-    word = reader%read_text('parameter', trim(backbone_parameters(1)), backbone_parameters, &
-                            job%parameter)
+    job%mode = reader%read_integer('mode')
+    word = reader%read_text('parameter', choice=job%parameter)
     call read_ends(reader, job)
-    job%subharmonic = reader%read_integer('subharmonic', 1)
+    job%subharmonic = reader%read_integer('subharmonic')
     call reader%read_count('harmonics', job%harmonics, job%choose_harmonics)
     call read_curve(reader, job%options)
-    job%stability = read_yes(reader, 'stability')
-    word = reader%read_text('symmetry', 'any', [character(len=4) :: 'any', 'kept'], symmetry)
-    job%symmetric = symmetry == 2
+    job%stability = reader%read_yes('stability')
+    job%symmetric = reader%read_text('symmetry') == 'kept'
     call read_switch(reader, job%switch)
     if (reader%status%failed()) return
     call check_between(reader, 'mode', job%mode, 0, 2)
-    call check_between(reader, 'subharmonic', job%subharmonic, 1, 20)
     if (reader%status%failed()) return
     if (job%choose_harmonics) job%harmonics = min(job%harmonics, most_chosen(job%subharmonic))
     call check_between(reader, 'harmonics', job%harmonics, 1, max_harmonics/job%subharmonic)
@@ -166,13 +161,10 @@ contains
   subroutine read_ends(reader, job)
     type(group_reader), intent(inout) :: reader
     type(backbone_job), intent(inout) :: job
-    type(status_type) :: status
 
     job%options%start = reader%read_real('from')
     job%options%finish = reader%read_real('to')
     if (reader%status%failed()) return
-    call check_positive('from', job%options%start, status)
-    call reader%place(status)
     if (.not. job%options%finish > job%options%start) then
       call reader%complain('to', 'to = '//show(job%options%finish)//': must be greater than from')
     end if

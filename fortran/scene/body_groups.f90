@@ -107,28 +107,18 @@ contains
     type(mounted_body), intent(inout) :: body
     real(wp), intent(out) :: center(3)
     real(wp), allocatable :: inertia(:)
-    real(wp) :: zero(6)
-    character(len=:), allocatable :: word
-    integer :: geometry, axes, i
+    integer :: i
 
-    zero = 0.0_wp
-    geometry = 1
-    axes = 1
     body%mass = reader%read_real('mass')
-    if (.not. reader%status%failed() .and. .not. body%mass > 0.0_wp) then
-      call reader%complain('mass', 'mass = '//show(body%mass)//': must be greater than 0')
-    end if
     allocate (inertia(0))
     inertia = reader%read_reals('inertia')
-    center = reader%read_reals('center', 3, zero(:3))
-    body%gravity = reader%read_reals('gravity', 3, zero(:3))
-    word = reader%read_text('geometry', 'small', [character(len=5) :: 'small', 'exact'], geometry)
-    word = reader%read_text('load_axes', 'body', [character(len=5) :: 'body', 'space'], axes)
-    body%base_direction = reader%read_reals('base_direction', 6, zero)
-    body%spin = reader%read_reals('spin', 3, zero(:3))
+    center = reader%read_reals('center')
+    body%gravity = reader%read_reals('gravity')
+    body%exact = reader%read_text('geometry') == 'exact'
+    body%loads_turn = reader%read_text('load_axes') == 'body'
+    body%base_direction = reader%read_reals('base_direction')
+    body%spin = reader%read_reals('spin')
     if (reader%status%failed()) return
-    body%exact = geometry == 2
-    body%loads_turn = axes == 1
     if (size(inertia) == 3) then
       do i = 1, 3
         body%inertia(i, i) = inertia(i)
@@ -187,20 +177,19 @@ contains
     type(subject_type), intent(inout) :: subject
     integer, intent(in) :: n_kernels
     type(body_spring) :: springs(3), turning(3)
-    real(wp) :: arm(3), axes(3, 3), angles(3), zero(3), stiffness(3), damping(3), held(3), radius
+    real(wp) :: arm(3), axes(3, 3), angles(3), stiffness(3), damping(3), held(3), radius
     real(wp), allocatable :: track(:)
     character(len=:), allocatable :: name, word
     integer :: kernel_of(3), along, i, j
 
-    zero = 0.0_wp
     name = reader%read_text('name')
-    arm = reader%read_reals('position', 3) - center
-    stiffness = reader%read_reals('stiffness', 3)
-    angles = reader%read_reals('angles', 3, zero)
-    damping = reader%read_reals('damping', 3, zero)
-    held = reader%read_reals('rotational_stiffness', 3, zero)
+    arm = reader%read_reals('position') - center
+    stiffness = reader%read_reals('stiffness')
+    angles = reader%read_reals('angles')
+    damping = reader%read_reals('damping')
+    held = reader%read_reals('rotational_stiffness')
     call read_kernels_of(reader, n_kernels, kernel_of)
-    call check_numbers(reader, name, names, stiffness, damping, held)
+    call check_name(reader, name, names)
     if (reader%status%failed()) return
     names = [character(len=name_length) :: names, lower(name)]
     axes = turned_axes(angles)
@@ -218,9 +207,8 @@ contains
       turning(j)%stiffness = held(j)
     end do
     allocate (track(0))
-    track = reader%read_reals('track', default=zero)
-    along = 3
-    word = reader%read_text('track_axis', 'z', ['x', 'y', 'z'], along)
+    track = reader%read_reals('track')
+    word = reader%read_text('track_axis', choice=along)
     if (reader%status%failed()) return
     do j = 1, 3
       call append(body%springs, springs(j))
@@ -229,10 +217,7 @@ contains
     do j = 1, 3
       if (held(j) > 0.0_wp) call append(body%springs, turning(j))
     end do
-    if (size(track) /= 3) then
-      call reader%complain('track', 'track has '//show(size(track))//' values: must be 3, mass, ' &
-                           //'damping and stiffness')
-    else if (any(abs(track) > 0.0_wp)) then
+    if (any(abs(track) > 0.0_wp)) then
       if (.not. track(1) > 0.0_wp .or. track(2) < 0.0_wp .or. .not. track(3) > 0.0_wp) then
         call reader%complain('track', 'track: mass and stiffness must be greater than 0, damping ' &
                              //'not negative')
@@ -260,11 +245,10 @@ contains
     end if
   end subroutine read_mount_point
 
-  !> The name is a new one, and nothing is negative.
-  subroutine check_numbers(reader, name, names, stiffness, damping, held)
+  !> The name is a new one.
+  subroutine check_name(reader, name, names)
     type(group_reader), intent(inout) :: reader
     character(len=*), intent(in) :: name, names(:)
-    real(wp), intent(in) :: stiffness(:), damping(:), held(:)
     character(len=*), parameter :: letters = 'abcdefghijklmnopqrstuvwxyz_', digits = '0123456789'
 
     if (reader%status%failed()) return
@@ -276,17 +260,8 @@ contains
     else if (any(names == lower(name))) then
       call reader%complain('name', "name = '"//name//"': is given twice, names " &
                            //'must differ')
-    else if (any(stiffness < 0.0_wp)) then
-      call reader%complain('stiffness', name//': stiffness = '//show(minval(stiffness)) &
-                           //': must not be negative')
-    else if (any(damping < 0.0_wp)) then
-      call reader%complain('damping', name//': damping = '//show(minval(damping)) &
-                           //': must not be negative')
-    else if (any(held < 0.0_wp)) then
-      call reader%complain('rotational_stiffness', name//': rotational_stiffness = ' &
-                           //show(minval(held))//': must not be negative')
     end if
-  end subroutine check_numbers
+  end subroutine check_name
 
   !> One &kernel for all three directions, or one for each.
   subroutine read_kernels_of(reader, n_kernels, kernel_of)
@@ -327,7 +302,7 @@ contains
     logical :: preloads
 
     allocate (spring%coefficient(0), spring%laws(0))
-    text = reader%read_text(key, '0')
+    text = reader%read_text(key)
     if (reader%status%failed()) return
     effort = 100000
     call expand(text, ['d'], terms, fault, effort)

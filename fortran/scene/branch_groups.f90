@@ -2,8 +2,7 @@
 module viscovib_branch_groups
   use viscovib_body_builder, only: body_builder, new_body_builder
   use viscovib_branch_job, only: branch_job
-  use viscovib_checks, only: check_positive
-  use viscovib_curve_groups, only: read_curve, read_yes
+  use viscovib_curve_groups, only: read_curve
   use viscovib_extra_groups, only: read_extra
   use viscovib_group_reader, only: group_reader
   use viscovib_kinds, only: wp
@@ -29,18 +28,17 @@ contains
     type(subject_type), intent(in) :: subject
     character(len=*), parameter :: names(9) = [character(len=13) :: 'nu', 'load_factor', &
                                                mount_numbers]
-    type(status_type) :: status
     character(len=:), allocatable :: word, before
     integer :: choice
 
     if (subject%is_body .and. subject%is_polynomial) then
-      word = lower(reader%read_text('vary', 'nu'))
+      word = lower(reader%read_text('vary'))
       choice = findloc(names(:2) == word, .true., 1)
       if (choice == 0) choice = 3
       job%varies = word
     else
-      word = reader%read_text('vary', 'nu', names(:merge(2, 9, subject%is_polynomial .or. &
-                                                         subject%is_turning)), choice)
+      word = reader%read_text('vary', allowed=names(:merge(2, 9, subject%is_polynomial .or. &
+                                                           subject%is_turning)), choice=choice)
       job%varies = trim(names(choice))
     end if
     if (reader%status%failed()) return
@@ -56,22 +54,13 @@ contains
     call read_curve(reader, job%curve, subject%usual_tolerance())
     job%options%tolerance = job%curve%tolerance
     job%options%absolute = job%curve%atol
-    job%stability = read_yes(reader, 'stability')
+    job%stability = reader%read_yes('stability')
     call read_extra(reader, subject, job%extra)
     if (job%number > 0) then
       if (job%extra%sampling) call refuse_extra('sampling')
       if (job%extra%dissipation) call refuse_extra('dissipation')
     end if
     if (reader%status%failed()) return
-    if (choice > 1) then
-      call check_positive('nu', job%nu, status)
-      call reader%place(status)
-    else
-      call check_positive('nu_from', job%curve%start, status)
-      call reader%place(status)
-      call check_positive('nu_to', job%curve%finish, status)
-      call reader%place(status)
-    end if
     if (.not. abs(job%curve%finish - job%curve%start) > 0.0_wp) then
       word = trim(before)//'to'
       call reader%complain(word, word//' = '//show(job%curve%finish)//': must differ from ' &

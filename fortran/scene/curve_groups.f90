@@ -8,7 +8,7 @@ module viscovib_curve_groups
   implicit none
   private
 
-  public :: read_curve, read_relative, read_switch, read_yes, check_between
+  public :: read_curve, read_relative, read_switch, check_between
 
   integer, parameter :: max_switches = 20
 
@@ -27,23 +27,13 @@ contains
     values = options%values()
     do i = 1, size(curve_table)
       key = trim(curve_table(i)%name)
-      associate (option => curve_table(i))
-        if (option%whole) then
-          values(i) = reader%read_integer(key, nint(values(i)))
-          call check_between(reader, key, nint(values(i)), nint(option%lowest), &
-                             nint(option%highest))
-        else
-          if (key == 'tolerance') then
-            call read_relative(reader, values(i), usual)
-          else
-            values(i) = reader%read_real(key, values(i))
-          end if
-          if (values(i) < option%lowest .or. values(i) > option%highest) then
-            call reader%complain(key, key//' = '//show(values(i))//': must be in [' &
-                                 //show(option%lowest)//', '//show(option%highest)//']')
-          end if
-        end if
-      end associate
+      if (key == 'tolerance') then
+        call read_relative(reader, values(i), usual)
+      else if (curve_table(i)%whole) then
+        values(i) = reader%read_integer(key)
+      else
+        values(i) = reader%read_real(key)
+      end if
     end do
     if (.not. reader%status%failed()) call options%set(values)
   end subroutine read_curve
@@ -58,13 +48,13 @@ contains
 
     tolerance = smooth_tolerance
     if (present(usual)) tolerance = usual
-    relative = reader%read_real('rtol', 0.0_wp)
+    relative = reader%read_real('rtol')
     if (relative > 0.0_wp) tolerance = relative
     tolerance = reader%read_real('tolerance', tolerance)
     if (reader%status%failed() .or. .not. abs(relative) > 0.0_wp) return
     if (abs(tolerance - relative) > 0.0_wp) then
       call reader%complain('rtol', 'rtol = '//show(relative)//': is another name of tolerance, ' &
-                           //'must be greater than 0 and not be given with it')
+                           //'must not be given with it')
     end if
   end subroutine read_relative
 
@@ -77,17 +67,6 @@ contains
     if (any(switch == 0)) call reader%complain('switch', 'switch = 0: must be the number of a ' &
                                                //'branch point, from 1, or its negative')
   end subroutine read_switch
-
-  !> A key that says 'yes' (the default) or 'no'.
-  logical function read_yes(reader, key)
-    type(group_reader), intent(inout) :: reader
-    character(len=*), intent(in) :: key
-    character(len=:), allocatable :: word
-    integer :: choice
-    choice = 1
-    word = reader%read_text(key, 'yes', [character(len=3) :: 'yes', 'no'], choice)
-    read_yes = choice == 1
-  end function read_yes
 
   subroutine check_between(reader, key, value, lowest, highest)
     type(group_reader), intent(inout) :: reader

@@ -1,9 +1,9 @@
 !> The &branch group of a scene with a pendulum.
 module viscovib_driven_groups
   use viscovib_checks, only: check_positive
-  use viscovib_curve_groups, only: check_between, read_curve, read_switch, read_yes
+  use viscovib_curve_groups, only: check_between, read_curve, read_switch
   use viscovib_drive_torus, only: default_bound, largest_bound, lowest_bound, max_unknowns, &
-    n_drives, sort_drives, varied_names, varies_nu
+    n_drives, sort_drives, varies_nu
   use viscovib_driven_job, only: driven_job
   use viscovib_group_reader, only: group_reader
   use viscovib_kinds, only: wp
@@ -23,16 +23,14 @@ contains
     type(status_type) :: status
     character(len=:), allocatable :: word
     real(wp) :: frequency(n_drives)
-    integer :: symmetry, most
+    integer :: most
 
-    word = reader%read_text('parameter', 'p1', varied_names, job%parameter)
+    word = reader%read_text('parameter', choice=job%parameter)
     job%options%start = reader%read_real('from')
     job%options%finish = reader%read_real('to')
-    job%subharmonic = reader%read_integer('subharmonic', 1)
-    job%max_denominator = reader%read_integer('max_denominator', job%max_denominator)
+    job%subharmonic = reader%read_integer('subharmonic')
+    job%max_denominator = reader%read_integer('max_denominator')
     if (reader%status%failed()) return
-    call check_between(reader, 'subharmonic', job%subharmonic, 1, 20)
-    call check_between(reader, 'max_denominator', job%max_denominator, 1, 99)
     if (job%parameter <= n_drives .or. job%parameter == varies_nu) then
       call check_positive('from', job%options%start, status)
       call reader%place(status)
@@ -54,9 +52,8 @@ contains
     call reader%read_count('harmonics', job%harmonics, job%choose_harmonics)
     call check_between(reader, 'harmonics', job%harmonics, lowest_bound(job%torus), most)
     call read_curve(reader, job%options)
-    job%stability = read_yes(reader, 'stability')
-    word = reader%read_text('symmetry', 'any', [character(len=4) :: 'any', 'kept'], symmetry)
-    job%symmetric = symmetry == 2
+    job%stability = reader%read_yes('stability')
+    job%symmetric = reader%read_text('symmetry') == 'kept'
     call read_switch(reader, job%switch)
   end subroutine read_driven
 

@@ -1,6 +1,5 @@
 !> The &ensemble group of a scene.
 module viscovib_ensemble_groups
-  use viscovib_explicit_tables, only: lane_methods
   use viscovib_grids, only: linear_grid
   use viscovib_group_reader, only: group_reader
   use viscovib_kinds, only: wp
@@ -9,7 +8,6 @@ module viscovib_ensemble_groups
   use viscovib_motion_groups, only: read_frequency
   use viscovib_namelist, only: namelist_type
   use viscovib_near_words, only: longest
-  use viscovib_pendulum_numbers, only: pendulum_numbers
   use viscovib_scene_groups, only: place_of
   use viscovib_status, only: show
   use viscovib_subject, only: subject_type
@@ -18,9 +16,6 @@ module viscovib_ensemble_groups
   private
 
   public :: read_ensemble
-
-  integer, parameter :: most_values = 1000000, most_periods = 100000000
-  real(wp), parameter :: least_tolerance = 1.0e-13_wp
 
 contains
 
@@ -31,7 +26,7 @@ contains
     type(many_job), intent(out) :: job
     character(len=:), allocatable :: word
     real(wp) :: from, to
-    integer :: count_of, place
+    integer :: count_of
 
     if (.not. subject%goes_side_by_side()) then
       call reader%complain('ensemble', '&ensemble: is for &pendulum and for &system and ' &
@@ -41,7 +36,7 @@ contains
       return
     end if
     if (subject%is_pendulum) then
-      job%vary = reader%read_text('vary', allowed=pendulum_numbers, choice=job%place)
+      job%vary = reader%read_text('vary', choice=job%place)
     else
       call read_varied(reader, file, job)
     end if
@@ -49,33 +44,20 @@ contains
     to = reader%read_real('to')
     count_of = reader%read_integer('count')
     if (reader%status%failed()) return
-    if (count_of < 1 .or. count_of > most_values) then
-      call reader%complain('count', 'count = '//show(count_of)//': must be 1 to ' &
-                           //show(most_values))
-      return
-    end if
     job%values = linear_grid(from, to, count_of)
     if (.not. subject%is_pendulum) call read_system(reader, subject, from, to, job)
     if (reader%status%failed()) return
     job%initial = reader%read_reals('initial', 2*size(subject%coordinates))
     call read_length(reader, subject, job)
     if (reader%status%failed()) return
-    job%dt = reader%read_real('dt', 0.0_wp)
-    job%tolerance = reader%read_real('tolerance', 1.0e-8_wp)
-    word = reader%read_text('method', 'verner9', lane_methods, job%method)
-    place = 1
-    word = reader%read_text('lyapunov', 'no', [character(len=3) :: 'no', 'yes'], place)
-    job%lyapunov = place == 2
+    job%dt = reader%read_real('dt')
+    job%tolerance = reader%read_real('tolerance')
+    word = reader%read_text('method', choice=job%method)
+    job%lyapunov = reader%read_yes('lyapunov')
     if (reader%status%failed()) return
-    if (job%dt < 0.0_wp) then
-      call reader%complain('dt', 'dt = '//show(job%dt)//': must be greater than 0')
-    else if (job%sections == 0 .and. job%dt > job%t_end) then
+    if (job%sections == 0 .and. job%dt > job%t_end) then
       call reader%complain('dt', 'dt = '//show(job%dt)//': must not exceed t_end = ' &
                            //show(job%t_end))
-    end if
-    if (job%tolerance < least_tolerance .or. job%tolerance > 1.0_wp) then
-      call reader%complain('tolerance', 'tolerance = '//show(job%tolerance)//': must be ' &
-                           //show(least_tolerance)//' to 1')
     end if
     if (job%lyapunov .and. size(subject%coordinates) > 3) then
       call reader%complain('lyapunov', "lyapunov = 'yes': is for at most 3 coordinates, has " &
@@ -154,7 +136,7 @@ contains
     type(many_job), intent(inout) :: job
     real(wp) :: span
 
-    job%sections = reader%read_integer('sections', 0)
+    job%sections = reader%read_integer('sections')
     if (reader%status%failed()) return
     if (job%sections < 0 .or. job%sections > merge(3, 1, subject%is_pendulum)) then
       call reader%complain('sections', 'sections = '//show(job%sections)//': must be 0 to ' &
@@ -165,21 +147,14 @@ contains
       job%n_periods = reader%read_integer('n_periods')
       if (reader%status%failed()) return
       call reader%refuse(['t_end'], 'the length is n_periods, where sections are wanted')
-      if (job%n_periods < 1 .or. job%n_periods > most_periods) then
-        call reader%complain('n_periods', 'n_periods = '//show(job%n_periods)//': must be 1 to ' &
-                             //show(most_periods))
-      end if
       span = job%n_periods
     else
       job%t_end = reader%read_real('t_end')
       if (reader%status%failed()) return
       call reader%refuse(['n_periods'], 'is for sections; must be t_end')
-      if (.not. job%t_end > 0.0_wp) then
-        call reader%complain('t_end', 't_end = '//show(job%t_end)//': must be greater than 0')
-      end if
       span = job%t_end
     end if
-    job%discard = reader%read_real('discard', 0.0_wp)
+    job%discard = reader%read_real('discard')
     if (reader%status%failed()) return
     if (job%sections > 0 .and. job%discard >= 0.0_wp) then
       job%discard = ceiling(min(job%discard, 1.0e9_wp))

@@ -20,8 +20,7 @@ module viscovib_event_groups
   public :: read_events
 
   integer, parameter :: most_events = 100, most_listed = 6
-  character(len=*), parameter :: directions(3) = [character(len=4) :: 'any', 'up', 'down'], &
-                                 answers(2) = [character(len=3) :: 'no', 'yes']
+  !> Of the words of `direction`.
   integer, parameter :: sign_of(3) = [0, 1, -1]
 
 contains
@@ -75,15 +74,14 @@ contains
     character(len=:), allocatable :: text, word, fault
     character(len=len(arguments)) :: none(0)
     real(wp) :: no_values(0)
-    integer :: direction, terminal, parity, degree, i
+    logical :: terminal
+    integer :: direction, parity, degree, i
 
     text = reader%read_text('function')
-    direction = 1
-    terminal = 1
-    word = reader%read_text('direction', 'any', directions, direction)
+    word = reader%read_text('direction', choice=direction)
     told%text = reader%group%written('function', text)//', '//word
-    word = reader%read_text('terminal', 'no', answers, terminal)
-    if (terminal == 2) told%text = told%text//', terminal'
+    terminal = reader%read_yes('terminal')
+    if (terminal) told%text = told%text//', terminal'
     if (reader%status%failed()) return
     call compile_law(lower(text), arguments, none, no_values, program, parity, degree, fault)
     if (fault == '') then
@@ -95,7 +93,7 @@ contains
       call complain_of_law(reader, 'function', text, fault, arguments)
       return
     end if
-    numbers = [numbers, real(sign_of(direction), wp), real(terminal - 1, wp), &
+    numbers = [numbers, real(sign_of(direction), wp), merge(1.0_wp, 0.0_wp, terminal), &
                real(size(program%code), wp), &
                [(real(program%code(i), wp), program%number(i), i=1, size(program%code))]]
   end subroutine read_event

@@ -17,23 +17,11 @@ contains
     type(extra_columns), intent(out) :: extra
     type(status_type) :: status
 
-    extra%sampling = is_asked('sampling')
-    extra%dissipation = is_asked('dissipation')
+    extra%sampling = reader%read_yes('sampling')
+    extra%dissipation = reader%read_yes('dissipation')
     call set_ok(status)
     call extra%check(subject, status)
     call reader%place(status)
-
-  contains
-
-    logical function is_asked(key)
-      character(len=*), intent(in) :: key
-      character(len=:), allocatable :: word
-      integer :: choice
-      choice = 1
-      word = reader%read_text(key, 'no', [character(len=3) :: 'no', 'yes'], choice)
-      is_asked = choice == 2
-    end function is_asked
-
   end subroutine read_extra
 
 end module viscovib_extra_groups

@@ -19,7 +19,6 @@ module viscovib_fitted_kernel
 
   public :: read_fitted
 
-  character(len=*), parameter :: laws(4) = [character(len=9) :: 'none', 'wlf', 'arrhenius', 'table']
   !> J/(mol K), 0 deg C in K.
   real(wp), parameter :: gas_constant = 8.31446261815324_wp, kelvin = 273.15_wp
   !> Factors of time beyond are no material's.
@@ -62,7 +61,7 @@ contains
         return
       end if
       numbers = reader%read_reals('numbers')
-      law = reader%read_text('shift_law', 'none', laws)
+      law = reader%read_text('shift_law')
       shift = reader%read_reals('shift_numbers', default=[real(wp) ::])
       if (size(shift) > 0) temperature = reference_of(law, shift)
     end if

@@ -10,7 +10,7 @@ module viscovib_group_reader
   use viscovib_namelist, only: group_type, lower
   use viscovib_near_words, only: closest, doubled, listed, longest, means, off_by
   use viscovib_number_text, only: exact, exact_list, parse_integer, parse_real
-  use viscovib_scene_table, only: find_group, group_table, key_row, key_table, words_of
+  use viscovib_scene_table, only: find_group, group_table, key_names, key_row, key_table, words_of
   use viscovib_status, only: clipped, fail, show, status_input_error, status_type
   implicit none
   private
@@ -574,7 +574,7 @@ contains
     do i = 1, self%group%n_entries
       associate (key => self%group%entries(i)%key)
         if (self%known(key)) cycle
-        names = pack(key_table(self%first:self%last)%name, self%was_read)
+        names = pack(key_names(self%first:self%last), self%was_read)
         near = closest(key, names)
         if (near > 0) then
           call self%complain(key, unknown(key, self%group%name)//"; did you mean '" &

@@ -36,7 +36,7 @@ contains
     do i = 1, size(file%groups)
       if (file%groups(i)%name /= 'kernel') cycle
       call reader%start(file%path, file%groups(i))
-      acts_on = reader%read_text('acts_on', 'both', [character(len=4) :: 'both', 'x', 'phi'])
+      acts_on = reader%read_text('acts_on')
       if ((acts_on /= 'phi' .and. parameters%kernel_x > 0) &
           .or. (acts_on /= 'x' .and. parameters%kernel_phi > 0)) then
         call reader%complain('acts_on', "acts_on = '"//acts_on//"': this spring has a kernel " &
@@ -90,13 +90,11 @@ contains
     character(len=:), allocatable :: word
     real(wp), allocatable :: p(:), second(:)
     integer :: kind
-    !> Kinds that a scene spells out, and one of which a file holds everything.
-    character(len=len(kernel_names)), parameter :: &
-      kinds(size(kernel_names)) = [kernel_names(:size(kernel_names) - 1), 'fitted    ']
+    !> Follows the kinds that a scene spells out: a file contains everything.
+    integer, parameter :: kind_fitted = size(kernel_names)
 
-    kind = 0
     allocate (second(0))
-    word = reader%read_text('kind', allowed=kinds, choice=kind)
+    word = reader%read_text('kind', choice=kind)
     if (reader%status%failed()) return
     select case (kind)
     case (kernel_rzhanitsyn, kernel_rabotnov, kernel_abel)
@@ -109,7 +107,7 @@ contains
       second = reader%read_reals('rates')
       call check_pairs(reader, 'weights', 'rates', size(p), size(second))
       p = [p, second]
-    case (size(kinds))
+    case (kind_fitted)
       call read_fitted(reader, kind, p)
     case default
       call read_tabulated(reader, p)
@@ -133,10 +131,8 @@ contains
     real(wp), allocatable :: times(:), values(:)
     integer :: code
 
-    code = 1
     allocate (times(0), values(0))
-    word = reader%read_text('interpolation', 'linear', &
-                            [character(len=11) :: 'linear', 'exponential'], code)
+    word = reader%read_text('interpolation', choice=code)
     path = reader%read_path('file')
     if (reader%has('file')) then
       call reader%refuse([character(len=6) :: 'times', 'values'], 'is in the file already; give ' &

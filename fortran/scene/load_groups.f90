@@ -5,15 +5,12 @@ module viscovib_load_groups
   use viscovib_kinds, only: wp
   use viscovib_load, only: load_type, new_load
   use viscovib_namelist, only: namelist_type
-  use viscovib_status, only: show, status_type
+  use viscovib_status, only: status_type
   use viscovib_subject, only: subject_type
   implicit none
   private
 
   public :: read_loads
-
-  !> Bound that stops a slip of the pen before it fills the memory.
-  integer, parameter :: max_order = 100000
 
 contains
 
@@ -47,11 +44,9 @@ contains
     do i = 1, size(file%groups)
       if (file%groups(i)%name /= 'load') cycle
       n = n + 1
-      kind = 1
       on = 1
       call reader%start(file%path, file%groups(i))
-      word = reader%read_text('kind', 'force', [character(len=9) :: 'force', 'base', &
-                                                              'unbalance'], kind)
+      word = reader%read_text('kind', choice=kind)
       apart = subject%is_polynomial .or. subject%is_turning
       if (kind == 2) then
         apart = apart .and. reader%has('on')
@@ -64,11 +59,7 @@ contains
         word = reader%read_text('on', trim(subject%coordinates(1)), subject%coordinates, on)
         shape = unit(on)
       end if
-      orders(n) = reader%read_integer('order', 1)
-      if (orders(n) < 0 .or. orders(n) > max_order) then
-        call reader%complain('order', 'order = '//show(orders(n)) &
-                             //': must be 0 (mean), 1, 2, ... '//show(max_order))
-      end if
+      orders(n) = reader%read_integer('order')
       if (reader%has('force') .or. reader%has('torque')) then
         amplitude = reader%read_real('amplitude', 1.0_wp)
       else
@@ -78,7 +69,7 @@ contains
         call reader%refuse(['phase'], 'the mean (order 0) has none')
         term = cmplx(0.0_wp, amplitude, wp)
       else
-        phase = reader%read_real('phase', 0.0_wp)
+        phase = reader%read_real('phase')
         term = amplitude*cmplx(cos(phase), sin(phase), wp)
       end if
       if (kind == 1) then
@@ -158,8 +149,8 @@ contains
       call reader%refuse(['force ', 'torque'], 'is of a &body, must be left out')
       return
     end if
-    force = reader%read_reals('force', 3, [0.0_wp, 0.0_wp, 0.0_wp])
-    torque = reader%read_reals('torque', 3, [0.0_wp, 0.0_wp, 0.0_wp])
+    force = reader%read_reals('force')
+    torque = reader%read_reals('torque')
     arm = reader%read_reals('at', 3, subject%center) - subject%center
     if (reader%status%failed()) return
     if (subject%is_turning) then

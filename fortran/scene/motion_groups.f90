@@ -1,8 +1,7 @@
 !> The &transient, &spectrum and &free_decay groups of a scene.
 module viscovib_motion_groups
-  use viscovib_checks, only: check_increasing, check_positive
+  use viscovib_checks, only: check_increasing
   use viscovib_driven_system, only: driven_system_type
-  use viscovib_free_decay, only: most_oscillations
   use viscovib_group_reader, only: group_reader
   use viscovib_hereditary_job, only: hereditary_job, hereditary_methods, past_names
   use viscovib_kinds, only: wp
@@ -13,7 +12,6 @@ module viscovib_motion_groups
   use viscovib_status, only: show, status_type
   use viscovib_transient_checks, only: check_times, check_transient
   use viscovib_transient_job, only: transient_job
-  use viscovib_windows, only: window_names
   implicit none
   private
 
@@ -27,23 +25,22 @@ contains
     type(load_type), intent(in) :: load
     type(hereditary_job), intent(out) :: job
     type(status_type) :: status
-    real(wp) :: nothing(n_dof), start(2*n_dof)
+    real(wp) :: start(2*n_dof)
     character(len=:), allocatable :: word
 
     call read_frequency(reader, load, job%nu)
-    nothing = 0.0_wp
-    job%held = reader%read_reals('held', n_dof, nothing)
+    job%held = reader%read_reals('held', n_dof)
     if (reader%status%failed()) return
     start = 0.0_wp
     start(1::2) = job%held
     job%initial = reader%read_reals('initial', 2*n_dof, start)
     call check_start(reader, job%initial)
     job%t_end = reader%read_real('t_end')
-    job%dt = reader%read_real('dt', 0.0_wp)
+    job%dt = reader%read_real('dt')
     call read_accuracy(reader, job)
-    word = reader%read_text('method', 'gauss8', hereditary_methods, job%method)
-    word = reader%read_text('memory', 'auto', past_names, job%past)
-    job%save_every = reader%read_integer('save_every', 1)
+    word = reader%read_text('method', allowed=hereditary_methods, choice=job%method)
+    word = reader%read_text('memory', allowed=past_names, choice=job%past)
+    job%save_every = reader%read_integer('save_every')
     call read_keep(reader, job)
     if (reader%status%failed()) return
     call check_times(job, status)
@@ -55,14 +52,10 @@ contains
     type(group_reader), intent(inout) :: reader
     type(load_type), intent(in) :: load
     real(wp), intent(out) :: nu
-    type(status_type) :: status
 
     nu = 0.0_wp
     if (any(load%orders > 0)) then
       nu = reader%read_real('nu')
-      if (reader%status%failed()) return
-      call check_positive('nu', nu, status)
-      call reader%place(status)
     else
       call reader%refuse(['nu'], 'is the frequency of a load, and none has one')
     end if
@@ -78,13 +71,12 @@ contains
     character(len=:), allocatable :: word
     real(wp) :: start(2*(system%n_dof - system%n_hidden))
     logical :: may_lack
-    integer :: past
 
     may_lack = .false.
     start = 0.0_wp
     if (present(from_rest)) may_lack = from_rest
     if (may_lack) then
-      job%held = reader%read_reals('held', size(start)/2, 0.0_wp*start(1::2))
+      job%held = reader%read_reals('held', size(start)/2)
       if (reader%status%failed()) return
       start(1::2) = job%held
       job%initial = reader%read_reals('initial', 2*(system%n_dof - system%n_hidden), start)
@@ -93,12 +85,12 @@ contains
     end if
     call check_start(reader, job%initial)
     job%t_end = reader%read_real('t_end')
-    job%dt = reader%read_real('dt', 0.0_wp)
+    job%dt = reader%read_real('dt')
     call read_accuracy(reader, job)
-    word = reader%read_text('method', 'gauss8', transient_methods, job%method)
+    word = reader%read_text('method', allowed=transient_methods, choice=job%method)
     ! What remembers does so by exponentials.
-    if (may_lack) word = reader%read_text('memory', trim(past_names(1)), past_names(:2), past)
-    job%save_every = reader%read_integer('save_every', 1)
+    if (may_lack) word = reader%read_text('memory', allowed=past_names(:2))
+    job%save_every = reader%read_integer('save_every')
     call read_keep(reader, job)
     if (reader%status%failed()) return
     call check_transient(job, system, checked)
@@ -111,8 +103,8 @@ contains
     class(transient_job), intent(inout) :: job
     real(wp) :: absolute
 
-    job%relative = reader%read_real('rtol', 0.0_wp)
-    absolute = reader%read_real('atol', 0.0_wp)
+    job%relative = reader%read_real('rtol')
+    absolute = reader%read_real('atol')
     job%tolerance = reader%read_real('tolerance', absolute)
     if (job%relative > 0.0_wp .or. absolute > 0.0_wp) then
       if (abs(job%tolerance - absolute) > 0.0_wp) then
@@ -130,13 +122,10 @@ contains
     character(len=:), allocatable :: word
     integer :: place
 
-    place = 1
-    word = reader%read_text('keep', 'all', [character(len=4) :: 'all', 'last', 'tail'], place)
+    word = reader%read_text('keep', choice=place)
     job%last_only = place == 2
     if (place == 3) then
       job%tail = reader%read_real('tail')
-      if (.not. reader%status%failed()) call check_positive('tail', job%tail, status)
-      if (.not. reader%status%failed()) call reader%place(status)
     else if (reader%may_have('tail')) then
       call reader%complain('tail', "tail: must be given with keep = 'tail', and only then")
     end if
@@ -147,7 +136,7 @@ contains
       call reader%place(status)
       if (place /= 1 .or. job%save_every /= 1) then
         call reader%complain('times', 'times: cannot be given together with save_every or keep')
-      else if (job%times(1) < 0.0_wp .or. job%times(size(job%times)) > job%t_end) then
+      else if (job%times(size(job%times)) > job%t_end) then
         call reader%complain('times', 'times = '//show(job%times(1))//' to ' &
                              //show(job%times(size(job%times)))//': must be between 0 and t_end ' &
                              //'= '//show(job%t_end))
@@ -178,8 +167,8 @@ contains
     character(len=:), allocatable :: word
 
     job%wanted = .true.
-    word = reader%read_text('window', 'hann', window_names, job%window)
-    job%discard = reader%read_real('discard', 0.0_wp)
+    word = reader%read_text('window', choice=job%window)
+    job%discard = reader%read_real('discard')
     if (reader%status%failed()) return
     if (transient%last_only) then
       call reader%complain('spectrum', "&spectrum: needs the states all along, and &transient " &
@@ -189,7 +178,7 @@ contains
       call reader%complain('spectrum', '&spectrum: needs states at equal steps, and &transient ' &
                            //'has times')
     end if
-    if (job%discard < 0.0_wp .or. job%discard >= transient%t_end) then
+    if (job%discard >= transient%t_end) then
       call reader%complain('discard', 'discard = '//show(job%discard)//': must not be negative ' &
                            //'and less than t_end = '//show(transient%t_end))
     end if
@@ -201,16 +190,13 @@ contains
     type(decay_job), intent(out) :: job
 
     job%wanted = .true.
-    job%count = reader%read_integer('count', 2)
-    job%start = reader%read_real('start', 0.0_wp)
+    job%count = reader%read_integer('count')
+    job%start = reader%read_real('start')
     if (reader%status%failed()) return
     if (transient%last_only) then
       call reader%complain('free_decay', "&free_decay: needs the states all along, and " &
                            //"&transient has keep = 'last'")
-    else if (job%count < 1 .or. job%count > most_oscillations) then
-      call reader%complain('count', 'count = '//show(job%count)//': must be 1 to ' &
-                           //show(most_oscillations))
-    else if (job%start < 0.0_wp .or. job%start >= transient%t_end) then
+    else if (job%start >= transient%t_end) then
       call reader%complain('start', 'start = '//show(job%start)//': must not be negative ' &
                            //'and less than t_end = '//show(transient%t_end))
     end if

@@ -2,8 +2,7 @@
 module viscovib_mount_groups
   use viscovib_group_reader, only: group_reader
   use viscovib_kernel_holder, only: kernel_holder
-  use viscovib_kinds, only: wp
-  use viscovib_mount, only: geometry_cubic, geometry_names, mount_parameters, mount_type, new_mount
+  use viscovib_mount, only: mount_parameters, mount_type, new_mount
   use viscovib_status, only: status_type
   implicit none
   private
@@ -20,20 +19,17 @@ contains
     type(mount_type), intent(out) :: mount
     type(status_type) :: status
     character(len=:), allocatable :: word
-    real(wp) :: c(4)
 
     parameters%mass = reader%read_real('mass')
     parameters%inertia = reader%read_real('inertia')
     parameters%offset = reader%read_real('offset')
     parameters%stiffness_x = reader%read_real('stiffness_x')
     parameters%stiffness_phi = reader%read_real('stiffness_phi')
-    word = reader%read_text('geometry', trim(geometry_names(geometry_cubic)), geometry_names, &
-                            parameters%geometry)
-    parameters%cubic_scale = reader%read_real('cubic_scale', 1.0_wp)
-    parameters%memory_scale = reader%read_real('memory_scale', 1.0_wp)
+    word = reader%read_text('geometry', choice=parameters%geometry)
+    parameters%cubic_scale = reader%read_real('cubic_scale')
+    parameters%memory_scale = reader%read_real('memory_scale')
     ! Row by row in the file, as one writes a matrix.
-    c = reader%read_reals('damping', 4, [0.0_wp, 0.0_wp, 0.0_wp, 0.0_wp])
-    parameters%damping = reshape(c, [2, 2], order=[2, 1])
+    parameters%damping = reshape(reader%read_reals('damping'), [2, 2], order=[2, 1])
     if (reader%status%failed()) return
     call new_mount(mount, parameters, kernels(:max(parameters%kernel_x, parameters%kernel_phi)), &
                    status)

@@ -5,8 +5,6 @@ module viscovib_scales_groups
   use viscovib_group_reader, only: group_reader
   use viscovib_kinds, only: wp
   use viscovib_load, only: load_type
-  use viscovib_normal_form, only: by_influence
-  use viscovib_pendulum_form, only: ordering_names
   use viscovib_scales_job, only: scales_job
   use viscovib_scales_response, only: vary_amplitude, vary_frequency
   use viscovib_status, only: show, status_type
@@ -14,11 +12,6 @@ module viscovib_scales_groups
   private
 
   public :: read_pendulum_scales, read_oscillator_scales
-
-  character(len=*), parameter :: pendulum_names(6) = &
-    [character(len=3) :: 'p1', 'p2', 'p3', 'f0', 'm01', 'm02']
-  character(len=*), parameter :: oscillator_names(2) = [character(len=4) :: 'nu', 'load']
-  integer, parameter :: max_values = 1000000
 
 contains
 
@@ -28,12 +21,11 @@ contains
     character(len=:), allocatable :: word
     integer :: which
 
-    which = 1
-    job%parameter = reader%read_text('parameter', 'p1', pendulum_names, which)
+    job%parameter = reader%read_text('parameter', choice=which)
     job%load = modulo(which - 1, 3) + 1
     job%vary = merge(vary_frequency, vary_amplitude, which <= 3)
     call read_values(reader, job)
-    word = reader%read_text('ordering', trim(ordering_names(1)), ordering_names, job%ordering)
+    word = reader%read_text('ordering', choice=job%ordering)
   end subroutine read_pendulum_scales
 
   !> The load is the scene's: one frequency, one phase.
@@ -41,17 +33,13 @@ contains
     type(group_reader), intent(inout) :: reader
     type(load_type), intent(in) :: load
     type(scales_job), intent(out) :: job
-    type(status_type) :: status
     integer :: which
 
-    which = 1
-    job%parameter = reader%read_text('parameter', 'nu', oscillator_names, which)
+    job%parameter = reader%read_text('parameter', choice=which)
     job%vary = merge(vary_frequency, vary_amplitude, which == 1)
     call read_values(reader, job)
     if (job%vary == vary_amplitude) then
       job%nu = reader%read_real('nu')
-      call check_positive('nu', job%nu, status)
-      call reader%place(status)
     else
       call reader%refuse(['nu'], 'the frequency is what is varied')
     end if
@@ -83,8 +71,8 @@ contains
 
     from = reader%read_real('from')
     to = reader%read_real('to')
-    n = reader%read_integer('count', 201)
-    job%tolerance = reader%read_real('tolerance', job%tolerance)
+    n = reader%read_integer('count')
+    job%tolerance = reader%read_real('tolerance')
     allocate (job%values(0))
     if (reader%status%failed()) return
     if (job%vary == vary_frequency) then
@@ -93,12 +81,6 @@ contains
     end if
     if (to <= from) call reader%complain('to', 'to = '//show(to)//': must be greater than from = ' &
                                          //show(from))
-    if (n < 2 .or. n > max_values) call reader%complain('count', 'count = '//show(n) &
-                                                        //': must be 2 to '//show(max_values))
-    if ((job%tolerance < 0.0_wp .and. job%tolerance > by_influence) &
-        .or. job%tolerance >= 1.0_wp) then
-      call reader%complain('tolerance', 'tolerance = '//show(job%tolerance)//': must be in [0, 1)')
-    end if
     if (.not. reader%status%failed()) job%values = linear_grid(from, to, n)
   end subroutine read_values
 

@@ -255,7 +255,7 @@ contains
     do i = 1, size(file%groups)
       if (file%groups(i)%name /= 'scene') cycle
       call reader%start(file%path, file%groups(i))
-      scene%title = reader%read_text('title', '')
+      scene%title = reader%read_text('title')
       call reader%close(canonical, status)
     end do
   end subroutine read_title

@@ -1,10 +1,10 @@
-!> Which groups make up a scene: those of `scenes.toml`, the right number of each, one system and one
-!! result.
+!> Which groups make up a scene: those of `scenes.toml`, the right number of each, one system and
+!! one result.
 module viscovib_scene_groups
   use viscovib_namelist, only: namelist_type
   use viscovib_near_words, only: closest, longest
-  use viscovib_scene_table, only: find_group, group_table, role_part, role_result, role_system, &
-    system_groups
+  use viscovib_scene_table, only: find_group, group_names, group_table, role_part, role_result, &
+    role_system, system_groups
   use viscovib_status, only: clipped, fail, set_ok, show, status_input_error, status_type
   implicit none
   private
@@ -74,8 +74,8 @@ contains
       else if (group%role == role_part .and. .not. is_valid .and. popcnt(group%systems) == 1) then
         call refuse_at(file, i, '&'//name//': needs &'//trim(system_groups(1 + trailz( &
                                                              group%systems))), status)
-      else if (name == 'parameters' .and. .not. (has(file, 'system') .or. has(file, 'structure') &
-                                                 .or. has(file, 'body') .or. has(file, 'event'))) then
+      else if (name == 'parameters' .and. .not. any([has(file, 'system'), has(file, 'structure'), &
+                                                     has(file, 'body'), has(file, 'event')])) then
         call refuse_at(file, i, '&parameters: needs &system, &structure or &body, which have ' &
                        //'laws, or &event', status)
       else if (group%role == role_part .and. group%needs /= '' .and. &
@@ -119,7 +119,8 @@ contains
       call refuse(file, trim(group_table(other)%name), '&'//trim(group_table(other)%name) &
                   //': this scene has &'//trim(group_table(first)%name) &
                   //' already, give one of them', status)
-    else if (.not. is_pendulum .and. group_table(first)%needs == 'load' .and. .not. has(file, 'load')) then
+    else if (group_table(first)%needs == 'load' .and. .not. (is_pendulum &
+                                                             .or. has(file, 'load'))) then
       call refuse_lack(file, 'load', status)
     end if
   end subroutine check_results
@@ -183,11 +184,11 @@ contains
     character(len=*), intent(in) :: name
     character(len=:), allocatable :: text
     integer :: near
-    near = closest(name, group_table%name)
+    near = closest(name, group_names)
     if (near > 0) then
-      text = '; did you mean &'//trim(group_table(near)%name)//'?'
+      text = '; did you mean &'//trim(group_names(near))//'?'
     else
-      text = ': must be one of '//listed(group_table%name)
+      text = ': must be one of '//listed(group_names)
     end if
   end function likely_group
 
@@ -195,7 +196,7 @@ contains
   pure function wanted(systems)
     integer, intent(in) :: systems
     character(len=longest), allocatable :: wanted(:)
-    wanted = pack(group_table%name, group_table%role == role_result &
+    wanted = pack(group_names, group_table%role == role_result &
                   .and. iand(group_table%systems, systems) /= 0)
   end function wanted
 

@@ -1,6 +1,6 @@
 !> What a scene may ask for: each result by the name of its group, and what reads it.
 !!
-!! A new analysis is added here: its name in `viscovib_scene_groups`, its case in `read_result`.
+!! A new analysis is added here: its group in `scenes.toml`, its case in `read_result`.
 module viscovib_scene_results
   use viscovib_condensed_subject, only: condense_subject
   use viscovib_backbone_groups, only: read_backbone, read_free, read_structure_backbone

@@ -136,14 +136,14 @@ contains
       return
     end if
     call read_units(reader, rows, units)
-    model%modal%ratios = reader%read_reals('modal_damping', default=[0.0_wp])
+    model%modal%ratios = reader%read_reals('modal_damping')
     if (size(model%modal%ratios) == 1) model%modal%ratios = [(model%modal%ratios(1), i=1, n_modes)]
     if (size(model%modal%ratios) /= n_modes) then
       call reader%complain('modal_damping', 'modal_damping has '//show(size(model%modal%ratios)) &
                            //' values: must be one, or '//show(n_modes))
     end if
-    model%modal%rayleigh = reader%read_reals('rayleigh', 2, [0.0_wp, 0.0_wp])
-    model%modal%loss = reader%read_real('loss_factor', 0.0_wp)
+    model%modal%rayleigh = reader%read_reals('rayleigh')
+    model%modal%loss = reader%read_real('loss_factor')
     model%is_reduced = reader%has('shapes')
     if (model%is_reduced .and. n_modes < n) then
       call reader%complain('mass', 'mass: of a structure with shapes must be positive definite')
@@ -153,7 +153,7 @@ contains
                          //'to one with shapes')
       allocate (model%base_direction(rows), source=0.0_wp)
     else
-      model%base_direction = reader%read_reals('base_direction', rows, [(0.0_wp, i=1, rows)])
+      model%base_direction = reader%read_reals('base_direction', rows)
     end if
   end subroutine read_body
 
@@ -164,12 +164,8 @@ contains
     character(len=:), allocatable :: echo
 
     echo = reader%echo
-    n = reader%read_integer('size', 0)
-    if (n < 0 .or. n > max_size) then
-      call reader%complain('size', 'size = '//show(n)//': must be 1 to '//show(max_size) &
-                           //', or 0: what the mass tells')
-      n = 0
-    end if
+    n = reader%read_integer('size')
+    if (reader%status%failed()) n = 0
     ! What it is found to be is echoed.
     reader%echo = echo
   end subroutine read_size
@@ -425,10 +421,10 @@ contains
     if (.not. any(abs(element%direction) > 0.0_wp)) then
       call reader%complain('weights', 'weights: is not a direction: all of them are 0')
     end if
-    element%stiffness = reader%read_real('stiffness', 0.0_wp)
-    element%damping = reader%read_real('damping', 0.0_wp)
+    element%stiffness = reader%read_real('stiffness')
+    element%damping = reader%read_real('damping')
     element%kernel = read_kernel_place(reader, n_kernels)
-    law = reader%read_text('law', '0')
+    law = reader%read_text('law')
     if (reader%status%failed()) return
     effort = max_effort
     call expand(law, ['d'], terms, fault, effort)

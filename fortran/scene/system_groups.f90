@@ -88,7 +88,7 @@ contains
     !> &spring groups to come.
     integer, intent(in) :: n_springs, n_kernels
     character(len=name_length), allocatable, intent(out) :: coordinates(:), units(:)
-    integer :: i, n
+    integer :: n
 
     call read_coordinates(reader, max_coordinates, coordinates)
     n = size(coordinates)
@@ -105,7 +105,7 @@ contains
     p%stiffness(:, :, 1) = read_matrix(reader, 'stiffness', n, .false.)
     p%damping = read_matrix(reader, 'damping', n, .false.)
     p%spring_kernel(1) = read_kernel_place(reader, n_kernels)
-    p%base_direction = reader%read_reals('base_direction', n, [(0.0_wp, i=1, n)])
+    p%base_direction = reader%read_reals('base_direction', n)
   end subroutine read_body
 
   !> One force: a law such as 0.5*(x1 - x2)^3, or coefficient and powers of one

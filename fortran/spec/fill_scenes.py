@@ -21,7 +21,7 @@ LARGEST = "1.7976931348623157e308"
 
 
 def read_groups(table: Path, options: Path) -> list[dict[str, Any]]:
-    """Return the groups in order, each with ``rows``: dictionaries with ``name`` and ``systems``."""
+    """Return the groups in order, each with ``rows``, which have ``name`` and ``systems``."""
     content = tomllib.loads(table.read_text(encoding="utf-8"))
     sets = {one["name"]: dict(one["keys"]) for one in content["set"]}
     sets["curve"] = {**_curve_rows(options), **sets["curve"]}
@@ -41,6 +41,8 @@ def read_groups(table: Path, options: Path) -> list[dict[str, Any]]:
             _check(set(row) <= ROW | {"name"} and {"type", "text"} <= set(row), where)
             _check(set(row["systems"]) <= set(group["systems"]), where)
             row["must"] = phrase(row)
+            if row["type"] == "yes/no":
+                row["words"] = sorted(("no", "yes"), key=row["default"].__ne__)
     return content["group"]
 
 
@@ -72,15 +74,18 @@ def phrase(row: dict[str, Any]) -> str:
     """Return what the message of a number out of bounds says."""
     if "must" in row:
         return f"must be {row['must']}"
-    low, high = row.get("above", row.get("at_least")), row.get("below", row.get("at_most"))
-    low, high = (None if x is None else str(x) if isinstance(x, int) else f"{x:g}" for x in (low, high))
-    if low is None or high is None:
-        if "at_least" in row:
-            return "must not be negative" if low == "0" else f"must be at least {low}"
-        return f"must be greater than {low}" if low else f"must be at most {high}" if high else ""
-    if "integer" in row["type"] or row["type"] == "count":
-        return f"must be {low} to {high}"
-    return f"must be in {'(' if 'above' in row else '['}{low}, {high}{')' if 'below' in row else ']'}"
+    low, high = (
+        None if bound is None else str(bound) if isinstance(bound, int) else f"{bound:g}"
+        for bound in (row.get("above", row.get("at_least")), row.get("below", row.get("at_most")))
+    )
+    if low and high:
+        if row["type"] in ("integer", "integers", "count"):
+            return f"must be {low} to {high}"
+        first, last = "(" if "above" in row else "[", ")" if "below" in row else "]"
+        return f"must be in {first}{low}, {high}{last}"
+    if "at_least" in row:
+        return "must not be negative" if low == "0" else f"must be at least {low}"
+    return f"must be greater than {low}" if low else f"must be at most {high}" if high else ""
 
 
 def _number(value: float) -> str:
@@ -127,7 +132,8 @@ def module(groups: list[dict[str, Any]], template: str) -> str:
         if group["rows"]:
             names.append(f"keys_of_{group['name']}")
             listed = ", &\n    ".join(map(key_row, group["rows"]))
-            filled["keys"].append(f"type(key_row), parameter :: {names[-1]}(*) = [ &\n    {listed}]")
+            declared = f"type(key_row), parameter :: {names[-1]}(*)"
+            filled["keys"].append(f"{declared} = [ &\n    {listed}]")
     filled["all_keys"] = [", &\n    ".join(names) + " &"]
     filled["groups"] = [", &\n    ".join(rows) + " &"]
     for place, lines in filled.items():

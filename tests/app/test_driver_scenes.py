@@ -132,7 +132,7 @@ BAD_SCENES = {
     "negative rtol of a branch": (
         BRANCH.rstrip()[:-1] + ", rtol=-1e-3 /",
         4,
-        "rtol = -0.001: is another name of tolerance, must be greater than 0",
+        "rtol = -0.001: must be in [1e-14, 0.1]",
     ),
     "branch folds": (BRANCH.rstrip()[:-1] + ", max_folds=0 /", 4, "max_folds = 0: must be 1 to"),
     "branch step": (BRANCH.rstrip()[:-1] + ", max_step=0 /", 4, "max_step = 0: must be in"),

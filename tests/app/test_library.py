@@ -132,7 +132,8 @@ def test_the_manifest_of_fpm_has_every_source(prefix):
         path.name.removesuffix(".in")
         for folder in folders
         for path in folder.iterdir()
-        if folder.name != "app" and not path.name.endswith("_binding.f90")
+        if folder.name != "app" and path.suffix in (".f90", ".in", ".c")
+        if not path.name.endswith("_binding.f90")
     }
     # Of the transforms, those that were chosen.
     assert wanted - here <= {"fft_own.c", "fft_fftw.c"}
