@@ -114,9 +114,11 @@ contains
     character(len=*), intent(in) :: key
     type(key_row), intent(in) :: row
     real(wp), intent(in) :: value
-    if (.not. row%allows(value)) then
-      call self%complain(key, key//' = '//show(value)//': '//trim(row%must))
-    end if
+    character(len=:), allocatable :: shown
+    if (row%allows(value)) return
+    shown = show(value)
+    if (row%whole) shown = show(nint(value))
+    call self%complain(key, key//' = '//shown//': '//trim(row%must))
   end subroutine check
 
   !> Fail at the line of a key.

@@ -17,6 +17,7 @@ BOUNDS = ("above", "at_least", "below", "at_most")
 GROUP = {"name", "text", "role", "systems", "needs", "repeats", "python", "keys", "sets"}
 ROW = {"type", "default", "otherwise", *BOUNDS, "must", "words", "size", "unit", "text", "systems"}
 ROW |= {"when", "python"}
+WHOLE = ("integer", "integers", "count")
 LARGEST = "1.7976931348623157e308"
 
 
@@ -79,7 +80,7 @@ def phrase(row: dict[str, Any]) -> str:
         for bound in (row.get("above", row.get("at_least")), row.get("below", row.get("at_most")))
     )
     if low and high:
-        if row["type"] in ("integer", "integers", "count"):
+        if row["type"] in WHOLE:
             return f"must be {low} to {high}"
         first, last = "(" if "above" in row else "[", ")" if "below" in row else "]"
         return f"must be in {first}{low}, {high}{last}"
@@ -103,13 +104,14 @@ def _bits(systems: list[str]) -> int:
 def key_row(row: dict[str, Any]) -> str:
     """Return the constructor of a row in Fortran."""
     default = row.get("default")
+    word = default if isinstance(default, str) else ""
+    number = 0.0 if default is None or isinstance(default, str) else default
     lowest = row.get("above", row.get("at_least", f"-{LARGEST}"))
     highest = row.get("below", row.get("at_most", LARGEST))
-    given = default if isinstance(default, str) else ""
     return ", &\n      ".join(
         [
-            f"key_row('{row['name']}', {_bits(row['systems'])}, {_flag(default is not None)}, "
-            f"{_number(0.0 if default is None or given or default == '' else default)}, '{given}'",
+            f"key_row('{row['name']}', {_bits(row['systems'])}, {_flag(row['type'] in WHOLE)}, "
+            f"{_flag(default is not None)}, {_number(number)}, '{word}'",
             f"{row.get('size', 0)}, {_number(lowest)}, {_number(highest)}, "
             f"{_flag('above' in row)}, {_flag('below' in row)}",
             f"'{row['must']}'",

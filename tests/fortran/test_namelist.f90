@@ -28,12 +28,13 @@ contains
     if (begin('numbers are read strictly')) call check_numbers()
 
     if (begin('groups, comments, lists, repeats, quotes')) then
-      call read_file('! first'//nl//'&One a = 1.5, B=2 ! &two x=1 /'//nl//' list = 1, 2*0.5'//nl &
-                     //'  3e0'//nl//' word = ''it''''s / ! &'', other="say ""no""" /'//nl &
+      call read_file('! first'//nl//'&Parameters a = 1.5, B=2 ! &two x=1 /'//nl &
+                     //' list = 1, 2*0.5'//nl//'  3e0'//nl &
+                     //' word = ''it''''s / ! &'', other="say ""no""" /'//nl &
                      //'&two/&one/', file, status)
       call check_ok(status)
       call check(size(file%groups) == 3, 'three groups')
-      call check(file%groups(1)%name == 'one' .and. file%groups(1)%line == 2, 'first group')
+      call check(file%groups(1)%name == 'parameters' .and. file%groups(1)%line == 2, 'first group')
       call check(file%groups(3)%line == 6, 'line of the last group')
       call reader%start('f', file%groups(1))
       call check_close(reader%read_real('a'), 1.5_wp, 0.0_wp, 'a')
@@ -90,23 +91,26 @@ contains
     end if
 
     if (begin('values of the wrong type, number or size')) then
-      call wrong_value('a = 1 2', ':2: a has 2 values: must be a number')
-      call wrong_value('a = ''1''', ':2: a = 1: must be a number')
-      call wrong_value('a = .true.', ':2: a = .true.: must be a finite number')
-      call wrong_value('a = 1e999', ':2: a = 1e999: must be a finite number')
-      call wrong_value('a = nan', ':2: a = nan: must be a finite number')
-      call wrong_value('a = 1-2', ':2: a = 1-2: must be a finite number')
-      call wrong_value('count = 1', ':1: &one lacks a')
-      call wrong_value('a = 1, count = 1.5', ':2: count = 1.5: must be an integer')
-      call wrong_value('a = 1, count = 3000000000', 'must be an integer of at most 2147483647')
-      call wrong_value('a = 1, word = 3', ':2: word = 3: must be a quoted text')
-      call wrong_value('a = 1, word = ''no''', "word = 'no': must be one of 'yes', 'maybe'")
-      call wrong_value('a = 1, list = 1 2', ':2: list has 2 values: must be 3')
-      call wrong_value('a = 1, list = 1 ''x'' 3', "list = 'x': must be numbers")
-      call wrong_value('a = 1, wrod = ''yes''', "unknown key 'wrod' in &one; did you mean 'word'?")
-      call wrong_value('a = 1, '//repeat('w', 5000)//' = 1', ': must be one of a, count, list')
-      call wrong_value('a = 1, colour = 1', &
-                       "unknown key 'colour' in &one: must be one of a, count, list, word")
+      call wrong_value('min = 1 2', ':2: min has 2 values: must be a number')
+      call wrong_value('min = ''1''', ':2: min = 1: must be a number')
+      call wrong_value('min = .true.', ':2: min = .true.: must be a finite number')
+      call wrong_value('min = 1e999', ':2: min = 1e999: must be a finite number')
+      call wrong_value('min = nan', ':2: min = nan: must be a finite number')
+      call wrong_value('min = 1-2', ':2: min = 1-2: must be a finite number')
+      call wrong_value('count = 1', ':1: &sweep lacks min')
+      call wrong_value('min = 1, count = 1.5', ':2: count = 1.5: must be an integer')
+      call wrong_value('min = 1, count = 3000000000', 'must be an integer of at most 2147483647')
+      call wrong_value('min = 1, spacing = 3', ':2: spacing = 3: must be a quoted text')
+      call wrong_value('min = 1, spacing = ''no''', &
+                       "spacing = 'no': must be one of 'linear', 'log'")
+      call wrong_value('min = 1, values = 1 2', ':2: values has 2 values: must be 3')
+      call wrong_value('min = 1, values = 1 ''x'' 3', "values = 'x': must be numbers")
+      call wrong_value('min = 1, spacign = ''log''', &
+                       "unknown key 'spacign' in &sweep; did you mean 'spacing'?")
+      call wrong_value('min = 1, '//repeat('w', 5000)//' = 1', &
+                       ': must be one of values, min, count')
+      call wrong_value('min = 1, colour = 1', &
+                       "unknown key 'colour' in &sweep: must be one of values, min, count, spacing")
     end if
 
     if (begin('texts grow from pieces of any length')) call check_growing()
@@ -120,13 +124,13 @@ contains
       call wrong(repeat('&one /'//nl, 20001), ':20001: a scene must have at most 20000 groups')
       call wrong('&one '//many_keys(101)//' /', ':1: &one: must have at most 100 keys')
       call wrong('&one a = 600000*1 b = 600000*2 /', ':1: b: a scene must have at most 1000000')
-      call wrong_value('a = 1, count = -2147483648', 'must be an integer of at least -2147483647')
-      call wrong_value('a = 1, list = 999999*1', ':2: list has 999999 values: must be 3')
-      call wrong_value('a = '//repeat('9', 500), '999...: must be a finite number')
+      call wrong_value('min = 1, count = -2147483648', 'must be an integer of at least -2147483647')
+      call wrong_value('min = 1, values = 999999*1', ':2: values has 999999 values: must be 3')
+      call wrong_value('min = '//repeat('9', 500), '999...: must be a finite number')
     end if
 
     if (begin('a long list takes no time')) then
-      call read_file('&one list = '//repeat('1.5 2.5,', 50000)//' /', file, status)
+      call read_file('&parameters list = '//repeat('1.5 2.5,', 50000)//' /', file, status)
       call reader%start('f', file%groups(1))
       list = reader%read_reals('list')
       call reader%finish()
@@ -223,7 +227,7 @@ contains
     call check(status%category == status_input_error, 'an input error')
   end subroutine wrong
 
-  !> A group &one of these keys is read and must fail.
+  !> A group &sweep of these keys is read and must fail.
   subroutine wrong_value(keys, message)
     character(len=*), intent(in) :: keys, message
     type(namelist_type) :: file
@@ -234,13 +238,13 @@ contains
     character(len=:), allocatable :: word
     integer :: b
     allocate (list(0))
-    call read_file('&one'//nl//keys//' /', file, status)
+    call read_file('&sweep'//nl//keys//' /', file, status)
     call check_ok(status)
     call reader%start('f', file%groups(1))
-    a = reader%read_real('a')
-    b = reader%read_integer('count', 1)
-    list = reader%read_reals('list', 3, [a, a, real(b, wp)])
-    word = reader%read_text('word', 'yes', [character(len=5) :: 'yes', 'maybe'])
+    a = reader%read_real('min')
+    b = reader%read_integer('count', 2)
+    list = reader%read_reals('values', 3, [a, a, real(b, wp)])
+    word = reader%read_text('spacing')
     call reader%finish()
     call check_fails(reader%status, message)
     call check(index(reader%status%message, 'f:') == 1, 'file and line first: '//word)
