@@ -40,7 +40,7 @@ def test_an_acceleration_is_a_motion_of_the_base(name):
     if name == "body":
         base = np.outer(base, [0, 0, 1, 0, 0, 0])
         acceleration = {"z": acceleration}
-    push = 3.0 * np.arange(1, len(system.dof_names) + 1)
+    push = 0.2 * np.arange(1, len(system.dof_names) + 1)
     force = vv.LoadTable(times=[0, 0.3, 0.6], values=np.outer([0, 1, 0], push))
     for more in ({}, {"force": force, "load": {1: push}, "nu": 4.0}):
         moved = vv.LoadTable(times=t, values=base, interpolation="cubic")
@@ -52,8 +52,42 @@ def test_an_acceleration_is_a_motion_of_the_base(name):
         wanted = absolute.state[:, ::2] - np.outer(0.8 * absolute.t**3, direction)
         off = np.abs(relative.state[:, ::2] - wanted).max()
         assert off < 2e-10 * np.abs(wanted).max()
+        push = relative.acceleration - absolute.acceleration
+        assert np.abs(push).max() < 1e-7 * np.abs(absolute.acceleration).max()
         assert (relative.relative_to_base, absolute.relative_to_base) == (True, False)
         assert "relative to the base" in relative.summary()
+
+
+def test_a_point_of_a_body_moves_with_a_base_that_accelerates():
+    t = np.linspace(0, 1, 6)
+    base = vv.LoadTable(
+        times=t, values=np.outer(0.8 * t**3, [0, 0, 1, 0, 0, 0]), interpolation="cubic"
+    )
+    acceleration = {"z": vv.LoadTable(times=t, values=4.8 * t)}
+    body, point = engine(), (0.1, 0.2, 0.3)
+    absolute = vv.simulate(body, 0.99, dt=0.0099, base=base)
+    relative = vv.simulate(body, 0.99, dt=0.0099, base_acceleration=acceleration)
+    for given in (False, True):
+        one, other = (run.motion_of(point, relative=given) for run in (absolute, relative))
+        assert np.abs(one.displacement - other.displacement).max() < 1e-10
+        assert np.abs(one.velocity - other.velocity).max() < 1e-8
+        assert np.abs(one.acceleration - other.acceleration).max() < 1e-6
+    assert np.abs(absolute.floor_force().force - relative.floor_force().force).max() < 1e-4
+
+
+def test_the_motion_of_a_base_is_that_of_its_cubics_and_waves():
+    swing = vv.PolynomialSystem(mass=1.0, stiffness=4.0, damping=1.0, base_direction=[1.0])
+    shock = vv.HalfSine(amplitude=2.0, duration=0.5, start=0.1)
+    run = vv.simulate(swing, 2, base_acceleration=shock, dt=0.01)
+    wanted = run.acceleration[:, 0]
+    assert np.abs(wanted + 4 * run.state[:, 0] + run.state[:, 1]).max() < 1e-10
+    place, speed, _ = run._floor.at(np.array([0.05, 0.6, 1.6]))
+    reached = 2 * 2.0 * 0.5 / np.pi
+    assert speed[:, 0] == pytest.approx([0, reached, reached], abs=1e-11)
+    assert place[:, 0] == pytest.approx([0, reached * 0.25, reached * 1.25], abs=1e-11)
+    run = vv.simulate(swing, 2, base_acceleration=0.5 + 0.2j, nu=1.5, dt=0.01)
+    wave = -(0.5 + 0.2j) / 1.5**2 * np.exp(1.5j * run.t)
+    assert run._floor.at(run.t)[0][:, 0] == pytest.approx(wave.imag, abs=1e-14)
 
 
 def test_a_base_that_drifts_loses_no_digits():

@@ -374,6 +374,7 @@ def test_what_follows_from_the_harmonics(name):
 #: Where a result is one of several kinds of argument, and a scene's is told from a sweep's Dataset.
 _ASKED = {
     "analyses/shooting.py: SteadyMotion",
+    "analyses/shock_spectra.py: Trajectory",
     "analyses/signals.py: Trajectory",
     "analyses/starts.py: Trajectory",
     "rubber/amplitude_fit.py: ParametricFit",

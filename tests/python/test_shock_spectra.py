@@ -133,6 +133,31 @@ def test_values_in_g_differ_by_their_unit_alone():
     assert (in_si.unit, in_g.peak) == ("m/s", pytest.approx(9.80665))
 
 
+def test_spectrum_of_a_run_is_that_of_its_absolute_acceleration():
+    """Two masses in a row on a base: the second one is the oscillator of the spectrum."""
+    hz, zeta = 7.0, 0.03
+    w = 2 * np.pi * hz
+    shock = vv.HalfSine(amplitude=30.0, duration=0.05)
+    alone = vv.PolynomialSystem(mass=1.0, stiffness=900.0, damping=2.0, base_direction=[1.0])
+    run = vv.simulate(alone, 1.5, base_acceleration=shock, dt=2e-4)
+    found = vv.shock_response_spectrum(run, [hz], damping=zeta)
+    tiny = 1e-9
+    both = vv.PolynomialSystem(
+        mass=np.diag([1.0, tiny]), base_direction=[1.0, 1.0],
+        stiffness=[[900 + tiny * w**2, -tiny * w**2], [-tiny * w**2, tiny * w**2]],
+        damping=[[2 + 2 * tiny * zeta * w, -2 * tiny * zeta * w],
+                 [-2 * tiny * zeta * w, 2 * tiny * zeta * w]],
+    )  # fmt: skip
+    row = vv.simulate(both, 1.5, base_acceleration=shock, dt=2e-4)
+    assert found.primary[0] == pytest.approx(np.abs(row.acceleration[:, 1]).max(), rel=1e-5)
+    named = vv.shock_response_spectrum(row, [hz], coordinate="x1", damping=zeta)
+    assert named.maximax == pytest.approx(found.maximax, rel=1e-6)
+    with pytest.raises(vv.InputError, match="coordinate"):
+        vv.shock_response_spectrum(row, [hz])
+    with pytest.raises(vv.InputError, match="only a Trajectory has coordinates"):
+        vv.shock_response_spectrum([0.0, 1.0], [hz], dt=1, coordinate="x1")
+
+
 def test_result_is_saved_drawn_and_described(tmp_path):
     record = np.sin(np.pi * np.linspace(0, 1, 200))
     found = vv.shock_response_spectrum(

@@ -15,7 +15,7 @@ from viscovib.common.counts import things
 from viscovib.common.parameters import Number, Word
 from viscovib.common.results import Result, span
 from viscovib.errors import InputError
-from viscovib.results.trajectory import spacing
+from viscovib.results.trajectory import Trajectory, spacing
 from viscovib.systems.base_acceleration import warn_of_record
 from viscovib.systems.load_table import LoadTable, Shock
 
@@ -136,10 +136,11 @@ class ShockResponseSpectrum(Result):
 
 
 def shock_response_spectrum(
-    record: npt.ArrayLike | LoadTable,
+    record: npt.ArrayLike | LoadTable | Trajectory,
     frequencies: npt.ArrayLike,
     *,
     dt: float | None = None,
+    coordinate: str | None = None,
     damping: float = 0.05,
     kind: str = "absolute_acceleration",
     unit: str | None = None,
@@ -148,14 +149,17 @@ def shock_response_spectrum(
 
     Parameters
     ----------
-    record : array_like, shape (n,), or LoadTable
+    record : array_like, shape (n,), LoadTable or Trajectory
         Acceleration of the base, linear between its samples, from an oscillator at rest; 0 after
         the last sample. A `LoadTable` has its own times, which may be unequally spaced. A smooth
-        one, such as a `HalfSine`, is sampled to 1e-10 of its peak.
+        one, such as a `HalfSine`, is sampled to 1e-10 of its peak. Of a `Trajectory` it is the
+        absolute acceleration of a ``coordinate`` at the states kept.
     frequencies : array_like, shape (m,)
         Undamped natural frequencies of the oscillators (Hz, not rad/s), in any order.
     dt : float
         Time between samples (s); only with an array.
+    coordinate : str
+        For a `Trajectory` of several coordinates: the one that carries the oscillators.
     damping : float
         Damping ratio zeta = 1/(2 Q), at least 0 and less than 1.
     kind : {"absolute_acceleration", "relative_displacement", "pseudo_velocity"}
@@ -199,7 +203,7 @@ def shock_response_spectrum(
         raise InputError(
             f"damping = {ratio:g}: must be less than 1 (a damping ratio: 5 % of critical is 0.05)"
         )
-    values, steps = _read(record, dt)
+    values, steps = _read(record, dt, coordinate)
     places = np.atleast_1d(_native.real_array("frequencies", frequencies))
     if places.ndim != 1 or not places.size:
         raise InputError(f"frequencies: must have shape (m,) with m >= 1, got {places.shape}")
@@ -231,8 +235,19 @@ def shock_response_spectrum(
     )
 
 
-def _read(record: npt.ArrayLike | LoadTable, dt: float | None) -> tuple[FloatArray, FloatArray]:
+def _read(
+    record: npt.ArrayLike | LoadTable | Trajectory, dt: float | None, coordinate: str | None
+) -> tuple[FloatArray, FloatArray]:
     """Return samples between which the record is linear, and the times between them: one or all."""
+    if isinstance(record, Trajectory):
+        names = record.dof_names
+        name = names[0] if coordinate is None and len(names) == 1 else coordinate
+        column = names.index(_native.choice("coordinate", name, names))
+        if record.t.size < 2:
+            raise InputError(f"record: {record.t.size} states kept, must be at least 2")
+        record = LoadTable(times=record.t, values=record.acceleration[:, column])
+    elif coordinate is not None:
+        raise InputError("coordinate: only a Trajectory has coordinates, must not be given")
     if not isinstance(record, LoadTable):
         if dt is None:
             raise InputError("dt: must be given with an array: the time between samples")
@@ -241,7 +256,9 @@ def _read(record: npt.ArrayLike | LoadTable, dt: float | None) -> tuple[FloatArr
             raise InputError(f"record: must have shape (n,) with n >= 2, got {values.shape}")
         return _in_range(values), np.array([_DT.check(dt)])
     if dt is not None:
-        raise InputError("dt: must not be given with a LoadTable, which has its own times")
+        raise InputError(
+            "dt: must not be given with a LoadTable or a Trajectory, which has its own times"
+        )
     times, values = np.asarray(record.times), np.asarray(record.values)
     if values.ndim != 1:
         raise InputError(f"record: values must have shape ({times.size},), got {values.shape}")

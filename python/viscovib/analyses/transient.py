@@ -51,7 +51,7 @@ from viscovib.common.mesh import Mesh
 from viscovib.common.past import Past
 from viscovib.errors import ConvergenceWarning, InputError, RangeWarning, caller
 from viscovib.results.trajectory import Trajectory
-from viscovib.systems.base_acceleration import relative_loads
+from viscovib.systems.base_acceleration import BaseMotion, relative_loads
 from viscovib.systems.load import LoadLike, at_frequency
 from viscovib.systems.load_table import LoadTable
 from viscovib.systems.mount import Mount
@@ -240,9 +240,8 @@ def simulate(
     # As scenes tell it of a base at rest.
     if base is not None and isinstance(base, Mapping) and not base:
         base = None
-    relative = base_acceleration is not None
-    if relative:
-        load, force = _on_moving_base(system, base_acceleration, base, (load, nu), force)
+    given = base_acceleration, base, load, nu, force
+    load, force, floor = _on_moving_base(system, *given)
     loads = Acting(load, nu, base, force, held, memory, coordinates)
     if resume is not None:
         if initial is not None:
@@ -258,7 +257,7 @@ def simulate(
                 "events: taken from the run that is resumed, must not be given with resume"
             )
         run = go_on(resume, end, want, progress, other, estimated)
-        return _heard(run, relative or resume.relative_to_base)
+        return _heard(run, floor or resume._floor)
     if end <= 0:
         raise InputError(f"t_end = {end:g}: must be greater than 0")
     breaks = breaks_of(force, base, len(system.dof_names))
@@ -282,7 +281,7 @@ def simulate(
         n = want.every * math.ceil(n / want.every)
         first = steps.first(n)
         try:
-            return _heard(by_tolerance(first, n, end, want, accuracy, progress), relative)
+            return _heard(by_tolerance(first, n, end, want, accuracy, progress), floor)
         except NotMetError:
             if steps.at_first == 1 and (first.layers.seen or not first.has_layers):
                 raise
@@ -292,26 +291,28 @@ def simulate(
             first.layers.seen = True
         else:
             steps, _ = prepared(_SHARPER)
-        return _heard(by_tolerance(steps.first(n), n, end, want, accuracy, progress), relative)
+        return _heard(by_tolerance(steps.first(n), n, end, want, accuracy, progress), floor)
     run = _with_step(steps, end, _native.number("dt", dt, " or 'auto'"), estimated)
-    return _heard(run, relative)
+    return _heard(run, floor)
 
 
 def _on_moving_base(
-    system: object, acceleration: object, base: object, load: tuple[Any, float | None], force: Any
-) -> tuple[LoadLike | None, LoadTable | None]:
-    """Return the loads on coordinates relative to a base of an acceleration."""
+    system: object, acceleration: object, base: object, load: Any, nu: Any, force: Any
+) -> tuple[LoadLike | None, LoadTable | None, BaseMotion | None]:
+    """Return the loads on coordinates relative to a base of an acceleration, if one is given."""
+    if acceleration is None:
+        return load, force, None
     if base is not None:
         raise InputError("base and base_acceleration are both given: must be one of them")
     if isinstance(system, Pendulum):
         raise InputError("base_acceleration: is for a Mount; a Pendulum has its loads in itself")
-    return relative_loads(system, acceleration, at_frequency(*load), force)
+    return relative_loads(system, acceleration, at_frequency(load, nu), nu, force)
 
 
-def _heard(run: Trajectory, relative: bool) -> Trajectory:
+def _heard(run: Trajectory, floor: BaseMotion | None) -> Trajectory:
     """Warn of events that could not be found: functions without a value, or too fine."""
-    if relative:
-        run = replace(run, relative_to_base=True)
+    if floor is not None:
+        run = replace(run, _floor=floor)
     watch = None if run._resume is None else run._resume.watch
     if watch is None or not run.stats["steps"]:
         return run

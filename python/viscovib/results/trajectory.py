@@ -29,6 +29,7 @@ from viscovib.results.motion_forces import (
     MountForcesInTime,
     PointMotion,
 )
+from viscovib.systems.base_acceleration import BaseMotion
 from viscovib.systems.law_ends import law_end as end_of_law, told_edges
 from viscovib.systems.law_poles import (
     Layer,
@@ -155,8 +156,6 @@ class Trajectory(Result):
         For each event the times ``t``, shape (m,), and states ``state``, shape (m, 2 n_dof), with
         estimated errors ``error`` and ``state_error``, shape (m,), if the run has an error
         estimate.
-    relative_to_base : bool
-        Whether coordinates are relative to the base, whose acceleration was given.
 
     Examples
     --------
@@ -188,7 +187,7 @@ class Trajectory(Result):
     _planned: Callable[..., Plan] = field(repr=False)
     resolution: float | None = None
     events: tuple[Passages, ...] = ()
-    relative_to_base: bool = False
+    _floor: BaseMotion | None = field(default=None, repr=False)
 
     kind = "transient"
     _form = "trajectory"
@@ -238,6 +237,11 @@ class Trajectory(Result):
         The step size of the integrator is ``step``.
         """
         return spacing(self.t)
+
+    @property
+    def relative_to_base(self) -> bool:
+        """True if the states are relative to the base, whose acceleration was given."""
+        return self._floor is not None
 
     @property
     def complete(self) -> bool:  # type: ignore[override]
@@ -415,8 +419,9 @@ class Trajectory(Result):
         """Accelerations of the states kept, shape (n, n_dof), in `acceleration_units`.
 
         They follow from the equations of motion, not from differences, and are as exact as the
-        states. They are absolute, also with a moving base. At a jump of the load or the base they
-        are those after it. With memory, the run is computed once more, at the points of its steps.
+        states. They are absolute, also with a moving base or a ``base_acceleration``. At a jump of
+        the load or the base they are those after it. With memory, the run is computed once more, at
+        the points of its steps.
 
         Raises
         ------
@@ -433,6 +438,10 @@ class Trajectory(Result):
         -4.0
         """
         found = np.asarray(self._equations("acceleration").accelerations(self))
+        if self._floor is not None:
+            names = self.system.dof_names
+            places = [names.index(name) for name in self.dof_names]
+            found = found + self._floor.at(self.t)[2][:, places]
         found.setflags(write=False)
         return found
 
@@ -523,9 +532,12 @@ class Trajectory(Result):
             point = np.asarray(body.mounts[names.index(point)].position)
         arm = body._arm("point", point)
         moved = [self.state[:, ::2], self.state[:, 1::2], self.acceleration]
+        floor = None if self._floor is None else self._floor.at(self.t)
+        if floor is not None:
+            moved[:2] = [one + base for one, base in zip(moved[:2], floor[:2], strict=True)]
         found = point_moved(arm, *moved, turns=body._turns)
         if relative:
-            floor = self._equations("motion_of").floor(self)
+            floor = floor or self._equations("motion_of").floor(self)
             found = tuple(
                 one - (base[:, :3] + np.cross(base[:, 3:6], arm))
                 for one, base in zip(found, floor, strict=True)

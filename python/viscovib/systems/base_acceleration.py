@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from viscovib import _native, units
 from viscovib._native import ComplexArray, FloatArray
+from viscovib.common.values import Value
 from viscovib.errors import InputError, RangeWarning, caller
 from viscovib.systems.load import LoadLike, load_series, name_places
 from viscovib.systems.load_table import CubicTable, LoadTable, Shock, added
@@ -20,19 +22,55 @@ _LARGE = 4000.0
 _TAIL, _ALIKE, _OFFSET = 0.05, 0.3, 1e-6
 
 
+@dataclass(frozen=True)
+class BaseMotion(Value):
+    """How a base moves the coordinates: accelerations by cubics from rest, and sinusoids.
+
+    ``tables``: of each the direction (n,), the times and the cubics (4, m). ``amplitudes``: of
+    accelerations, shape (n, k), with ``frequencies`` (k,).
+    """
+
+    tables: tuple[tuple[FloatArray, FloatArray, FloatArray], ...]
+    frequencies: FloatArray
+    amplitudes: ComplexArray
+
+    def at(self, t: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Displacements, velocities and accelerations at times, each of shape (n_times, n)."""
+        from scipy.interpolate import PPoly
+
+        waves = self.amplitudes * np.exp(1j * t[:, np.newaxis, np.newaxis] * self.frequencies)
+        slow = np.where(self.frequencies > 0, self.frequencies, 1.0)
+        parts = [(waves / (1j * slow) ** k).imag.sum(axis=2) for k in (2, 1, 0)]
+        for direction, times, cubics in self.tables:
+            a = PPoly(cubics[:, :-1], times)
+            inside = np.clip(t, times[0], times[-1])
+            speed = a.antiderivative()(inside)
+            place = a.antiderivative(2)(inside) + speed * np.maximum(t - times[-1], 0.0)
+            push = np.where((t >= times[0]) & (t <= times[-1]), a(inside), 0.0)
+            for part, own in zip(parts, (place, speed, push), strict=True):
+                part += np.multiply.outer(own, direction)
+        return parts[0], parts[1], parts[2]
+
+
 def relative_loads(
-    system: Any, acceleration: Any, load: LoadLike | None, force: LoadTable | None
-) -> tuple[LoadLike | None, LoadTable | None]:
-    """Return all loads on coordinates relative to a base of an acceleration."""
+    system: Any, acceleration: Any, load: LoadLike | None, nu: Any, force: LoadTable | None
+) -> tuple[LoadLike | None, LoadTable | None, BaseMotion]:
+    """Return all loads on coordinates relative to a base, and the motion of the base."""
     n = len(system.dof_names)
     named = isinstance(acceleration, Mapping) and any(isinstance(k, str) for k in acceleration)
     parts = acceleration.items() if named else [(None, acceleration)]
     series: dict[int, ComplexArray] = {}
+    waves: dict[int, ComplexArray] = {}
+    tables = []
     for name, part in parts:
         where = "base_acceleration" if name is None else f"base_acceleration[{name!r}]"
-        push = -_inertia(system, where, name)
+        direction = _direction(system, where, name)
+        push = -_inertia(system, where, direction)
         if isinstance(part, LoadTable):
-            force = _with_table(where, part, push, force, n)
+            cubics = _cubics(where, part)
+            times = np.asarray(part.times)
+            force = _with_table(times, cubics, push, force)
+            tables.append((direction, times, cubics))
             continue
         if isinstance(part, (str, bytes)):
             raise InputError(
@@ -42,16 +80,19 @@ def relative_loads(
         orders, found = load_series(part, None, 1)
         for order, value in zip(orders.tolist(), found[0], strict=True):
             series[order] = series.get(order, 0) + push * value
+            waves[order] = waves.get(order, 0) + direction * value
     if series:
         orders, found = load_series(load, None, n, name_places(system.dof_names))
         for order, column in zip(orders.tolist(), found[:n].T, strict=True):
             series[order] = series.get(order, 0) + column
         load = series
-    return load, force
+    frequencies = np.array(list(waves), dtype=float) * (nu or 0.0)
+    amplitudes = np.array(list(waves.values()), dtype=complex).reshape(-1, n).T
+    return load, force, BaseMotion(tuple(tables), frequencies, amplitudes)
 
 
-def _inertia(system: Any, where: str, name: str | None) -> FloatArray:
-    """M b, for the direction b in which the base moves."""
+def _direction(system: Any, where: str, name: str | None) -> FloatArray:
+    """Return the direction in which the base moves the coordinates."""
     n = len(system.dof_names)
     direction = system._base_direction
     if name is not None:
@@ -77,6 +118,11 @@ def _inertia(system: Any, where: str, name: str | None) -> FloatArray:
             f"{where}: this system has no base_direction: give it one, or the acceleration of a "
             "coordinate, as {'z': ...}"
         )
+    return np.asarray(direction, dtype=float)
+
+
+def _inertia(system: Any, where: str, direction: FloatArray) -> FloatArray:
+    """Return M b, for the direction b in which the base moves."""
     mass = system._mass_matrix if hasattr(system, "_mass_matrix") else system.mass
     push = np.asarray(mass @ direction, dtype=float)
     if not push.any():
@@ -84,25 +130,29 @@ def _inertia(system: Any, where: str, name: str | None) -> FloatArray:
     return push
 
 
-def _with_table(
-    where: str, table: LoadTable, push: FloatArray, force: LoadTable | None, n: int
-) -> LoadTable:
-    """Return a load in time with that of an acceleration."""
-    times, values = np.asarray(table.times), np.asarray(table.values)
+def _cubics(where: str, table: LoadTable) -> FloatArray:
+    """Return the cubics (4, m) of an acceleration in m/s^2."""
+    values = np.asarray(table.values)
     if values.ndim != 1 or table.on is not None:
         raise InputError(f"{where}: must have values of shape (n,), without on")
-    factor = units.g if table.unit == "g" else 1.0
     warn_of_record(where, values, table.unit, not isinstance(table, Shock))
-    cubics = factor * table._cubics(values[:, np.newaxis])
-    if force is None and n == 1:
-        return CubicTable.of(times, push[0] * cubics)
+    factor = units.g if table.unit == "g" else 1.0
+    return np.asarray(factor * table._cubics(values[:, np.newaxis])[0])
+
+
+def _with_table(
+    times: FloatArray, cubics: FloatArray, push: FloatArray, force: LoadTable | None
+) -> LoadTable:
+    """Return a load in time with that of an acceleration."""
+    if force is None and push.size == 1:
+        return CubicTable.of(times, push[0] * cubics[np.newaxis])
     if force is None:
         # One direction, however many coordinates there are.
-        return CubicTable.of(times, cubics, on=push)
+        return CubicTable.of(times, cubics[np.newaxis], on=push)
     if not isinstance(force, LoadTable):
         raise InputError(f"force = {_native.shown(force)}: must be a LoadTable")
-    own = times, np.multiply.outer(push, cubics[0])
-    return CubicTable.of(*added((np.asarray(force.times), force._pieces(n)), own))
+    own = times, np.multiply.outer(push, cubics)
+    return CubicTable.of(*added((np.asarray(force.times), force._pieces(push.size)), own))
 
 
 def warn_of_record(name: str, values: FloatArray, unit: str, is_record: bool) -> None:
