@@ -4,10 +4,11 @@ import sys
 from pathlib import Path
 
 import viscovib
-from viscovib.common.curve_options import OPTIONS
 
 HERE = Path(__file__).parent
 sys.path.insert(0, str(HERE / "_extensions"))
+
+import scene_keys  # noqa: E402
 
 project = "viscovib"
 author = "The viscovib developers"
@@ -29,20 +30,8 @@ exclude_patterns = ["_*", "ford.md", "paper.md", "examples/short", "**/sg_execut
 templates_path = ["_templates"]
 
 myst_enable_extensions = ["colon_fence", "deflist", "dollarmath", "substitution"]
-# The table of options on the page of scenes comes from their definition.
-myst_substitutions = {
-    "curve_options": "\n".join(
-        [
-            "| key | default | allowed | |",
-            "| --- | --- | --- | --- |",
-            *(
-                f"| `{name}` | {one.default or 0:g} | {one.lowest:g} to {one.highest:g} | "
-                f"{one.text} |"
-                for name, one in OPTIONS.items()
-            ),
-        ]
-    )
-}
+# The tables of keys on the page of scenes come from the table that the reader uses.
+myst_substitutions = scene_keys.tables()
 myst_heading_anchors = 4
 
 # Every name has a page of its own, made from its docstring.

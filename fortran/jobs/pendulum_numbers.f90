@@ -1,4 +1,4 @@
-!> Numbers of a pendulum that vary from motion to motion, by name.
+!> Numbers of a pendulum that vary from motion to motion.
 module viscovib_pendulum_numbers
   use viscovib_kinds, only: wp
   use viscovib_pendulum, only: pendulum_parameters
@@ -7,13 +7,9 @@ module viscovib_pendulum_numbers
 
   public :: set_number
 
-  character(len=*), parameter, public :: pendulum_numbers(13) = &
-    [character(len=5) :: 'e', 'w2', 'w3', 'alpha', 'c1', 'c2', 'c3', 'f0', 'm01', 'm02', 'p1', &
-     'p2', 'p3']
-
 contains
 
-  !> Another value of the number at a place among the names.
+  !> Another value of the number at a place among the words of `vary` in `scenes.toml`.
   pure subroutine set_number(p, place, value)
     type(pendulum_parameters), intent(inout) :: p
     integer, intent(in) :: place

@@ -272,7 +272,7 @@ contains
 
     kernel_of = 0
     allocate (given(0))
-    if (.not. reader%has('kernels')) then
+    if (.not. reader%may_have('kernels')) then
       kernel_of = read_kernel_place(reader, n_kernels)
       return
     end if

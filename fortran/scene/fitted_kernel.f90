@@ -62,7 +62,7 @@ contains
       end if
       numbers = reader%read_reals('numbers')
       law = reader%read_text('shift_law')
-      shift = reader%read_reals('shift_numbers', default=[real(wp) ::])
+      if (reader%may_have('shift_numbers')) shift = reader%read_reals('shift_numbers')
       if (size(shift) > 0) temperature = reference_of(law, shift)
     end if
     if (law == 'none') then

@@ -182,7 +182,7 @@ contains
 
     do i = 1, self%group%n_entries
       associate (given => self%group%entries(i)%key)
-        if (self%known(given)) cycle
+        if (self%row_of(given) > 0) cycle
         if (off_by(given, key) > max(len(key)/4, 1) .and. .not. means(given, key)) cycle
         call self%complain(given, unknown(given, self%group%name)//"; did you mean '"//key//"'?")
       end associate

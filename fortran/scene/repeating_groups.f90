@@ -75,7 +75,9 @@ contains
     word = reader%read_text('method', choice=method)
     call read_accuracy(reader, accuracy)
     if (reader%status%failed()) return
-    if (reader%has('initial')) initial = reader%read_reals('initial', 2*size(subject%coordinates))
+    if (reader%may_have('initial')) then
+      initial = reader%read_reals('initial', 2*size(subject%coordinates))
+    end if
   end subroutine read_search
 
   !> `tolerance`, or in its place `rtol` and `atol`.
@@ -83,7 +85,7 @@ contains
     type(group_reader), intent(inout) :: reader
     type(accuracy_type), intent(out) :: accuracy
 
-    if (reader%has('tolerance')) then
+    if (reader%may_have('tolerance')) then
       accuracy%absolute = reader%read_real('tolerance')
       if (reader%has('rtol') .or. reader%has('atol')) then
         call reader%complain('tolerance', 'tolerance = '//show(accuracy%absolute)//': is atol ' &
@@ -94,7 +96,7 @@ contains
     if (reader%has('rtol') .or. .not. reader%has('atol')) then
       accuracy%relative = reader%read_real('rtol')
     end if
-    if (.not. reader%has('atol')) return
+    if (.not. reader%may_have('atol')) return
     accuracy%absolute = reader%read_real('atol')
     if (accuracy%absolute > 0.0_wp .or. (reader%has('rtol') &
                                          .and. .not. accuracy%absolute < 0.0_wp)) return

@@ -30,7 +30,7 @@ contains
       why = lack(key, canonical)
       if (why /= '') call reader%complain('key', "key = '"//key//"': "//why)
     end if
-    if (reader%has('values')) then
+    if (reader%may_have('values')) then
       call reader%refuse(grid_keys, 'values lists them already; give either values, or min, max, ' &
                          //'count and spacing')
       values = reader%read_reals('values')

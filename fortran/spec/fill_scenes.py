@@ -4,6 +4,7 @@
 The page of scenes and the tests import `read_groups`.
 """
 
+import re
 import runpy
 import sys
 import tomllib
@@ -25,13 +26,14 @@ def read_groups(table: Path, options: Path) -> list[dict[str, Any]]:
     """Return the groups in order, each with ``rows``, which have ``name`` and ``systems``."""
     content = tomllib.loads(table.read_text(encoding="utf-8"))
     sets = {one["name"]: dict(one["keys"]) for one in content["set"]}
-    sets["curve"] = {**_curve_rows(options), **sets["curve"]}
+    curve = _curve_rows(options)
+    sets["curve"] = curve | {key: curve.get(key, {}) | row for key, row in sets["curve"].items()}
     for group in content["group"]:
         _check(set(group) <= GROUP and group["role"] in ROLES, group["name"])
         group.setdefault("systems", list(SYSTEMS))
         rows = dict(group.get("keys", {}))
         for name in group.get("sets", ()):
-            rows |= sets[name]
+            rows |= {key: {**row, "set": name} for key, row in sets[name].items()}
         group["rows"] = [
             {"systems": group["systems"], **row, "name": key}
             for key, value in rows.items()
@@ -39,7 +41,7 @@ def read_groups(table: Path, options: Path) -> list[dict[str, Any]]:
         ]
         for row in group["rows"]:
             where = f"{group['name']}.{row['name']}"
-            _check(set(row) <= ROW | {"name"} and {"type", "text"} <= set(row), where)
+            _check(set(row) <= ROW | {"name", "set"} and {"type", "text"} <= set(row), where)
             _check(set(row["systems"]) <= set(group["systems"]), where)
             row["must"] = phrase(row)
             if row["type"] == "yes/no":
@@ -76,7 +78,7 @@ def phrase(row: dict[str, Any]) -> str:
     if "must" in row:
         return f"must be {row['must']}"
     low, high = (
-        None if bound is None else str(bound) if isinstance(bound, int) else f"{bound:g}"
+        None if bound is None else re.sub(r"e([+-]?)0*", _sign, f"{bound:.12g}")
         for bound in (row.get("above", row.get("at_least")), row.get("below", row.get("at_most")))
     )
     if low and high:
@@ -87,6 +89,10 @@ def phrase(row: dict[str, Any]) -> str:
     if "at_least" in row:
         return "must not be negative" if low == "0" else f"must be at least {low}"
     return f"must be greater than {low}" if low else f"must be at most {high}" if high else ""
+
+
+def _sign(exponent: re.Match[str]) -> str:
+    return "e-" if exponent[1] == "-" else "e"
 
 
 def _number(value: float) -> str:

@@ -28,8 +28,8 @@ module viscovib_free_decay
   integer, parameter :: most_columns = 200
   !> Exponentials for each oscillation: its pair, and two for parts that do not oscillate.
   integer, parameter :: for_each = 4
-  !> States for each oscillation at least; largest number of oscillations.
-  integer, parameter, public :: states_for_each = 8, most_oscillations = 50
+  !> States for each oscillation at least.
+  integer, parameter, public :: states_for_each = 8
   !> Singular values below this part of the first are rounding.
   real(wp), parameter :: rounding = 1.0e-14_wp
   !> Rows that are reduced together.

@@ -28,8 +28,6 @@ module viscovib_motion_branch
   real(wp), parameter :: bent = 0.97_wp, straight = 0.998_wp, growth = 1.6_wp
   !> Iterations after which steps may become longer.
   integer, parameter :: easy = 4
-  real(wp), parameter, public :: shortest_max_step = 1.0e-6_wp, longest_max_step = 0.5_wp
-  integer, parameter, public :: most_points = 100000
 
   type :: branch_options
     !> The range of the parameter, and the largest step, relative to the range and to the size of

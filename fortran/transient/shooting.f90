@@ -31,7 +31,6 @@ module viscovib_shooting
   real(wp), parameter :: leading = 0.9_wp
   !> States of a period that are shown at least.
   integer, parameter, public :: n_shown = 256
-  integer, parameter, public :: most_periods = 64
 
   !> The allowed error of a state: absolute + relative times its largest entry.
   type :: accuracy_type
