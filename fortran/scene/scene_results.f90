@@ -70,13 +70,13 @@ contains
     end if
     select case (file%groups(n)%name)
     case ('response')
-      call read_response_job(reader, subject, job)
+      allocate (response_job :: job)
     case ('branch')
       call read_branch_job(reader, subject, job)
     case ('backbone')
-      call read_backbone_job(reader, subject, job)
+      allocate (backbone_job :: job)
     case ('multiple_scales')
-      call read_scales_job(reader, subject, job)
+      allocate (scales_job :: job)
     case ('modes')
       allocate (modes_job :: job)
     case ('equilibrium')
@@ -84,15 +84,32 @@ contains
     case ('characteristic_roots')
       allocate (characteristic_roots_job :: job)
     case ('steady_motion')
-      call read_steady_motion_job(reader, subject, job)
+      allocate (steady_motion_job :: job)
     case ('trace_motion')
-      call read_trace_motion_job(reader, subject, job)
+      allocate (trace_motion_job :: job)
     case ('ensemble')
-      call read_ensemble_job(reader, file, subject, job)
+      allocate (many_job :: job)
     case ('basins')
-      call read_basins_job(reader, subject, job)
+      allocate (basins_job :: job)
     case default
       call read_motion_job(reader, subject, job)
+    end select
+    select type (job)
+    type is (response_job)
+      call read_response(reader, subject%usual_tolerance(), job%method, job%options, job%nu)
+      call read_extra(reader, subject, job%extra)
+    type is (backbone_job)
+      call read_backbone_job(reader, subject, job)
+    type is (scales_job)
+      call read_scales_job(reader, subject, job)
+    type is (steady_motion_job)
+      call read_steady_motion(reader, subject, job)
+    type is (trace_motion_job)
+      call read_trace_motion(reader, subject, job)
+    type is (many_job)
+      call read_ensemble(reader, file, subject, job)
+    type is (basins_job)
+      call read_basins(reader, subject, job)
     end select
     if (file%groups(n)%name == 'characteristic_roots') then
       ! Its table has no columns of coordinates.
@@ -127,63 +144,6 @@ contains
 
   end subroutine read_result
 
-  subroutine read_response_job(reader, subject, job)
-    type(group_reader), intent(inout) :: reader
-    type(subject_type), intent(in) :: subject
-    class(job_type), allocatable, intent(out) :: job
-    type(response_job), allocatable :: own
-
-    allocate (own)
-    call read_response(reader, subject%usual_tolerance(), own%method, own%options, own%nu)
-    call read_extra(reader, subject, own%extra)
-    call move_alloc(own, job)
-  end subroutine read_response_job
-
-  subroutine read_ensemble_job(reader, file, subject, job)
-    type(group_reader), intent(inout) :: reader
-    type(namelist_type), intent(in) :: file
-    type(subject_type), intent(in) :: subject
-    class(job_type), allocatable, intent(out) :: job
-    type(many_job), allocatable :: own
-
-    allocate (own)
-    call read_ensemble(reader, file, subject, own)
-    call move_alloc(own, job)
-  end subroutine read_ensemble_job
-
-  subroutine read_basins_job(reader, subject, job)
-    type(group_reader), intent(inout) :: reader
-    type(subject_type), intent(in) :: subject
-    class(job_type), allocatable, intent(out) :: job
-    type(basins_job), allocatable :: own
-
-    allocate (own)
-    call read_basins(reader, subject, own)
-    call move_alloc(own, job)
-  end subroutine read_basins_job
-
-  subroutine read_steady_motion_job(reader, subject, job)
-    type(group_reader), intent(inout) :: reader
-    type(subject_type), intent(in) :: subject
-    class(job_type), allocatable, intent(out) :: job
-    type(steady_motion_job), allocatable :: own
-
-    allocate (own)
-    call read_steady_motion(reader, subject, own)
-    call move_alloc(own, job)
-  end subroutine read_steady_motion_job
-
-  subroutine read_trace_motion_job(reader, subject, job)
-    type(group_reader), intent(inout) :: reader
-    type(subject_type), intent(in) :: subject
-    class(job_type), allocatable, intent(out) :: job
-    type(trace_motion_job), allocatable :: own
-
-    allocate (own)
-    call read_trace_motion(reader, subject, own)
-    call move_alloc(own, job)
-  end subroutine read_trace_motion_job
-
   subroutine read_branch_job(reader, subject, job)
     type(group_reader), intent(inout) :: reader
     type(subject_type), intent(inout) :: subject
@@ -210,33 +170,27 @@ contains
   subroutine read_backbone_job(reader, subject, job)
     type(group_reader), intent(inout) :: reader
     type(subject_type), intent(in), target :: subject
-    class(job_type), allocatable, intent(out) :: job
-    type(backbone_job), allocatable :: own
+    type(backbone_job), intent(out) :: job
 
-    allocate (own)
     if (subject%is_pendulum) then
-      call read_free(reader, subject%pendulum, own)
+      call read_free(reader, subject%pendulum, job)
     else if (subject%is_structure) then
-      call read_structure_backbone(reader, subject%model, subject%coordinates, own)
+      call read_structure_backbone(reader, subject%model, subject%coordinates, job)
     else
-      call read_backbone(reader, subject%oscillator(), subject%coordinates, own)
+      call read_backbone(reader, subject%oscillator(), subject%coordinates, job)
     end if
-    call move_alloc(own, job)
   end subroutine read_backbone_job
 
   subroutine read_scales_job(reader, subject, job)
     type(group_reader), intent(inout) :: reader
     type(subject_type), intent(in) :: subject
-    class(job_type), allocatable, intent(out) :: job
-    type(scales_job), allocatable :: own
+    type(scales_job), intent(out) :: job
 
-    allocate (own)
     if (subject%is_pendulum) then
-      call read_pendulum_scales(reader, own)
+      call read_pendulum_scales(reader, job)
     else
-      call read_oscillator_scales(reader, subject%load, own)
+      call read_oscillator_scales(reader, subject%load, job)
     end if
-    call move_alloc(own, job)
   end subroutine read_scales_job
 
   subroutine read_motion_job(reader, subject, job)

@@ -8,6 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 import viscovib as vv
+from viscovib.explorer import numbers
+from viscovib.scene import job, scene as scene_file
 
 ROOT = Path(__file__).parents[2]
 sys.path.insert(0, str(ROOT / "docs" / "_extensions"))
@@ -257,3 +259,22 @@ def test_python_has_the_names_and_defaults_of_the_table(function, row):
         return
     default = row["default"] == "yes" if row["type"] == "yes/no" else row["default"]
     assert np.all(np.equal(one.default, default))
+
+
+def test_lists_of_groups_in_python_are_those_of_the_table():
+    of_results = {name for name, group in GROUPS.items() if group["role"] == "result"}
+    in_time = {name for name, group in GROUPS.items() if group.get("needs") == "transient"}
+    assert set(scene_file._REPEATABLE) == {name for name in GROUPS if "repeats" in GROUPS[name]}
+    assert set(job._FURTHER) == in_time
+    assert set(job._SUBJECTS) == set(GROUPS) - of_results - in_time
+    assert set(numbers._PHYSICS) <= set(GROUPS)
+
+
+@pytest.mark.parametrize("file", ["include/viscovib.h.in", "docs/reference/c.md"])
+def test_the_c_interface_names_the_methods_of_the_table(file):
+    (row,) = (row for row in GROUPS["response"]["rows"] if row["name"] == "method")
+    text = (ROOT / file).read_text()
+    assert all(f'"{word}"' in text for word in row["words"])
+    keys = re.findall(r"viscovib_branch\(system, (\w+), (\w+)", text) or [("nu_from", "nu_to")]
+    names = {one["name"] for one in GROUPS["branch"]["rows"]}
+    assert set(keys[0]) <= names
