@@ -4,7 +4,6 @@
 The page of scenes and the tests import `read_groups`.
 """
 
-import re
 import runpy
 import sys
 import tomllib
@@ -78,7 +77,7 @@ def phrase(row: dict[str, Any]) -> str:
     if "must" in row:
         return f"must be {row['must']}"
     low, high = (
-        None if bound is None else re.sub(r"e([+-]?)0*", _sign, f"{bound:.12g}")
+        None if bound is None else _spelt(bound)
         for bound in (row.get("above", row.get("at_least")), row.get("below", row.get("at_most")))
     )
     if low and high:
@@ -91,8 +90,12 @@ def phrase(row: dict[str, Any]) -> str:
     return f"must be greater than {low}" if low else f"must be at most {high}" if high else ""
 
 
-def _sign(exponent: re.Match[str]) -> str:
-    return "e-" if exponent[1] == "-" else "e"
+def _spelt(bound: float) -> str:
+    """Write a bound: a small one as 1e-4, a large one as 1e30."""
+    if bound == 0 or 0.01 <= abs(bound) < 1e15:
+        return f"{bound:.12g}"
+    digits, _, power = f"{bound:e}".partition("e")
+    return f"{float(digits):g}e{int(power)}"
 
 
 def _number(value: float) -> str:
@@ -111,7 +114,7 @@ def key_row(row: dict[str, Any]) -> str:
     """Return the constructor of a row in Fortran."""
     default = row.get("default")
     word = default if isinstance(default, str) else ""
-    number = 0.0 if default is None or isinstance(default, str) else default
+    number = row.get("at_least", 0.0) if default is None or word == default else default
     lowest = row.get("above", row.get("at_least", f"-{LARGEST}"))
     highest = row.get("below", row.get("at_most", LARGEST))
     return ", &\n      ".join(

@@ -3,6 +3,7 @@
 import inspect
 import re
 import sys
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -186,18 +187,21 @@ BOUNDED = [
 ]
 
 
+def outside(row, side):
+    """Return a number that is just out of a bound, and not the default."""
+    bound, whole = row[side], row["type"] in ("integer", "integers", "count")
+    step = 1 if whole else max(abs(bound), 1e-3) / 8
+    number = {"at_least": bound - step, "at_most": bound + step}.get(side, bound)
+    if number == row.get("default"):
+        number -= step
+    return int(number) if whole else float(number)
+
+
 @pytest.mark.parametrize(("name", "side"), BOUNDED)
 def test_out_of_bounds_is_refused_and_the_bound_is_told(tmp_path, name, side):
     row, group = ROWS[name]
-    bound, whole = row[side], row["type"] in ("integer", "integers", "count")
-    step = 1 if whole else max(abs(bound), 1e-3) / 8
-    outside = {"above": bound, "below": bound, "at_least": bound - step, "at_most": bound + step}
-    if outside[side] == row.get("default"):
-        outside[side] -= step
-    given = f"{int(outside[side]) if whole else outside[side]!r}"
-    told = refused(
-        tmp_path, scene(row, group, system_of(row, group), f"{max(row.get('size', 1), 1)}*{given}")
-    )
+    given = f"{row.get('size', 1)}*{outside(row, side)!r}"
+    told = refused(tmp_path, scene(row, group, system_of(row, group), given))
     assert re.match(rf"{row['name']} = \S+: {re.escape(row['must'])}$", told)
 
 
@@ -259,6 +263,60 @@ def test_python_has_the_names_and_defaults_of_the_table(function, row):
         return
     default = row["default"] == "yes" if row["type"] == "yes/no" else row["default"]
     assert np.all(np.equal(one.default, default))
+
+
+DUFFING = vv.PolynomialSystem(mass=1, stiffness=1, damping=0.1, forces="x^3", names=["x"])
+SWING = vv.Pendulum(e=0.1, w2=0.4, w3=0.8)
+CALLS = {
+    "mount": partial(vv.Mount, mass=1, inertia=0.1, offset=0.5, stiffness_x=10, stiffness_phi=2),
+    "pendulum": partial(vv.Pendulum, e=0.1, w2=0.4, w3=0.8),
+    "mount_point": partial(vv.MountPoint, name="a", position=(0, 0, 0), stiffness=(1, 1, 1)),
+    "response": partial(vv.forced_response, DUFFING, nu=[1.0], load=0.1),
+    "branch": partial(vv.trace_response, DUFFING, (0.5, 2), load=0.1),
+    "branch of pendulum": partial(vv.trace_response, SWING, p1=(1, 2)),
+    "backbone": partial(vv.backbone, DUFFING, 0, (0.1, 0.2)),
+    "backbone of pendulum": partial(vv.backbone, SWING, 0, (0.1, 0.2)),
+    "steady_motion": partial(vv.steady_motion, DUFFING, nu=1.0, load=0.1),
+    "trace_motion": partial(vv.trace_motion, DUFFING, (0.5, 2), load=0.1),
+    "transient": partial(vv.simulate, DUFFING, t_end=5, initial=[0.1, 0]),
+    "ensemble": partial(vv.simulate_ensemble, DUFFING, t_end=5, initial=[[0.1, 0]]),
+    "basins": partial(vv.basins, DUFFING, {"x": [0.1], "x_dot": [0.0]}, n_periods=20),
+}
+#: Arguments of Python whose range depends on the call, and words for other values.
+OTHER = {
+    "response.relaxation", "branch.nu", "trace_motion.nu", "transient.nu", "ensemble.nu",
+    "basins.nu", "transient.dt", "ensemble.dt", "basins.dt", "transient.atol", "transient.tail",
+    "transient.times", "transient.save_every", "ensemble.n_periods", "basins.t_end",
+    "basins.sections", "body.mass",
+}  # fmt: skip
+
+
+def called(name):
+    group = ROWS[name][1]["name"]
+    return CALLS.get(f"{group} of pendulum" if name.endswith("pendulum") else group) or CALLS.get(
+        group
+    )
+
+
+@pytest.mark.parametrize(
+    ("name", "side"),
+    [
+        (name, side)
+        for name, side in BOUNDED
+        if called(name)
+        and name.partition(" ")[0] not in OTHER
+        and not ROWS[name][0].get("python", "a").endswith(("range", "starts"))
+        and ROWS[name][0].get("python", "a")
+    ],
+)
+def test_python_refuses_the_same_in_the_same_words(name, side):
+    row = ROWS[name][0]
+    given = outside(row, side)
+    value = [given] * row["size"] if "size" in row else given
+    with pytest.raises(vv.InputError) as error:
+        called(name)(**{row["name"]: value})
+    assert str(error.value).endswith(row["must"])
+    assert str(error.value).startswith((row["name"], "a"))
 
 
 def test_lists_of_groups_in_python_are_those_of_the_table():

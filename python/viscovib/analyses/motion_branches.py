@@ -16,6 +16,7 @@ from viscovib.analyses.following import _Way
 from viscovib.analyses.period_map import PeriodMap, check_mapped
 from viscovib.analyses.shooting import MOST_PERIODS, SEARCHES, STABLE, begin_of
 from viscovib.common.counts import things
+from viscovib.common.parameters import Number
 from viscovib.errors import ConvergenceWarning, InputError, caller
 from viscovib.results.curves import Crossing
 from viscovib.results.motion_branch import MotionBranch
@@ -29,6 +30,7 @@ _OUTCOMES = ("completed", "stuck", "points", "stopped", "without start", "singul
 _EVENTS = ("", "fold", "branch point", "period doubling", "Neimark-Sacker", "grazing")
 #: States of a motion over its period at least.
 _SHOWN = 256
+_MAX_STEP = Number("max_step", 1e-6, 0.5)
 
 
 def trace_motion(
@@ -105,9 +107,7 @@ def trace_motion(
     periods = _native.integer("n_periods", n_periods, 1, MOST_PERIODS)
     wanted = Accuracy.checked(tolerance, rtol, atol, 1e-10)
     assert wanted is not None
-    longest = _native.number("max_step", max_step)
-    if not 1e-6 <= longest <= 0.5:
-        raise InputError(f"max_step = {longest:g}: must be 1e-6 to 0.5")
+    longest = _MAX_STEP.check(max_step)
     most = _native.integer("max_points", max_points, 2, 100_000)
     mapping = PeriodMap.checked(system, load, way.fixed, periods, method)
     along = {}

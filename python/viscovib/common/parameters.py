@@ -83,8 +83,8 @@ class Number(Parameter[float]):
 
 
 def _spelt(bound: float) -> str:
-    """Write a bound: a small one as 1e-4."""
-    if bound == 0 or abs(bound) >= 0.01:
+    """Write a bound: a small one as 1e-4, a large one as 1e30."""
+    if bound == 0 or 0.01 <= abs(bound) < 1e15:
         return f"{bound:g}"
     digits, _, power = f"{bound:e}".partition("e")
     return f"{float(digits):g}e{int(power)}"
