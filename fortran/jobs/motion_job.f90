@@ -10,6 +10,7 @@ module viscovib_motion_job
   use viscovib_job, only: job_report, job_type, plan_unwanted, table_sink, told_error
   use viscovib_kinds, only: wp
   use viscovib_law_end, only: told_law_end
+  use viscovib_motion_accelerations, only: find_accelerations
   use viscovib_number_text, only: exact
   use viscovib_pendulum_job, only: plan_pendulum
   use viscovib_polar, only: argument, modulus
@@ -102,6 +103,9 @@ contains
       end select
     end associate
     text = text//plan_unwanted('columns', subject, self%wanted)
+    if (self%motion%wants_accelerations) then
+      text = text//'computes: accelerations of the states kept, by the equations'//new_line('a')
+    end if
     if (allocated(self%events)) text = text//'computes: passages of ' &
                                        //things(size(self%events), 'event')//new_line('a')
     if (self%decay%wanted) text = text//'computes: '//things(self%decay%count, &
@@ -129,7 +133,7 @@ contains
     type(status_type), intent(out) :: status
     type(trajectory_type), target :: trajectory
     character(len=:), allocatable :: folded, method
-    real(wp), allocatable :: shares(:)
+    real(wp), allocatable :: shares(:), accelerations(:, :)
     integer :: kept
 
     method = method_of(self%motion)
@@ -146,7 +150,11 @@ contains
         if (status%failed()) return
       end if
     end if
-    call put_motion(self, subject, trajectory, method, sink, status)
+    if (self%motion%wants_accelerations) then
+      call find_accelerations(self%motion, subject, self%nu, trajectory, accelerations, status)
+      if (status%failed()) return
+    end if
+    call put_motion(self, subject, trajectory, accelerations, method, sink, status)
     if (status%failed()) return
     if (allocated(self%events)) call put_events(self, subject, trajectory, sink, status)
     if (status%failed()) return
@@ -300,10 +308,12 @@ contains
   end function union
 
   !> A row a time.
-  subroutine put_motion(self, subject, trajectory, method, sink, status)
+  subroutine put_motion(self, subject, trajectory, accelerations, method, sink, status)
     class(motion_job), intent(in) :: self
     type(subject_type), intent(in) :: subject
     type(trajectory_type), intent(in), target :: trajectory
+    !> Of all coordinates; not allocated: not wanted.
+    real(wp), allocatable, intent(in), target :: accelerations(:, :)
     character(len=*), intent(in) :: method
     class(table_sink), intent(inout) :: sink
     type(status_type), intent(out) :: status
@@ -321,6 +331,9 @@ contains
       row = trajectory%row_of(self%wanted(i))
       call table%add_reals(name, trajectory%states(row, :))
       call table%add_reals(name//'_dot', trajectory%states(row + 1, :))
+      if (allocated(accelerations)) then
+        call table%add_reals(name//'_ddot', accelerations(self%wanted(i), :))
+      end if
     end do
     call sink%put(this_kind(), table, status)
   end subroutine put_motion

@@ -40,6 +40,9 @@ module viscovib_motion_request
     real(wp) :: relative = 0.0_wp
     !> Events to look for, as `new_watch` takes them; not allocated: none.
     real(wp), allocatable :: watched(:)
+    !> Whether accelerations of the states kept are wanted; whether a run without memory finds them
+    !! at its `times`.
+    logical :: wants_accelerations = .false., accelerates = .false.
     !> Displacement relative to the base held for all t < 0, shape (n_dof); not allocated: none.
     real(wp), allocatable :: held(:)
   contains

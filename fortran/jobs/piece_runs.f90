@@ -353,6 +353,9 @@ contains
       if (allocated(piece%phased)) trajectory%by_phases = maxval(piece%phased(self%rows))
       if (allocated(piece%kept)) call move_alloc(piece%kept, trajectory%memory)
       if (allocated(piece%watch)) call move_alloc(piece%watch, trajectory%watch)
+      if (allocated(piece%accelerations)) then
+        call move_alloc(piece%accelerations, trajectory%accelerations)
+      end if
     end associate
     associate (equations => self%equations)
       trajectory%keeps_energy = equations%keeps_energy

@@ -35,6 +35,8 @@ module viscovib_trajectory
   type :: trajectory_type
     !> Times of the states kept, the start first; states, a column each.
     real(wp), allocatable :: t(:), states(:, :)
+    !> As of `piece_type`; not allocated: not found.
+    real(wp), allocatable :: accelerations(:, :)
     !> The state at t_reached, of all coordinates computed; not allocated: not known.
     real(wp), allocatable :: last(:)
     !> Which coordinates these are; not allocated: all.

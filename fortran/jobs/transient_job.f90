@@ -58,6 +58,7 @@ contains
     runs%first%memory => nothing
     runs%first%is_watched = allocated(job%watched)
     if (runs%first%is_watched) runs%first%watched => job%watched
+    runs%first%accelerates = job%accelerates
     runs%t_end = job%t_end
     runs%last_only = job%last_only
     runs%tail = job%tail

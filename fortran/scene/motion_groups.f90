@@ -122,6 +122,7 @@ contains
     character(len=:), allocatable :: word
     integer :: place
 
+    job%wants_accelerations = reader%read_yes('acceleration')
     word = reader%read_text('keep', choice=place)
     job%last_only = place == 2
     if (place == 3) then

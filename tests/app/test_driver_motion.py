@@ -411,3 +411,71 @@ def test_refused_times(solve, tmp_path, more, told):
     out = tmp_path / "out"
     out.mkdir()
     check_failure(solve(scene, "--out", out), 2, told, out)
+
+
+PRONY = "&kernel kind='prony' weights=0.3 0.6 rates=1 5 /\n"
+PAIR = (
+    "&structure mass=1 2 1 stiffness=2 -1 0 -1 2 -1 0 -1 2 damping=0.1 0.1 0.2 "
+    "base_direction=1 1 1 /"
+)
+ACCELERATIONS = {
+    "pendulum": "&pendulum e=0.1 w2=0.4 w3=0.8 f0=0.02 p1=0.9 /\n"
+    "&transient initial=0.05 0 0.3 0 -0.2 0 t_end=5 dt=0.1 @ /\n",
+    "steep kernel": "&kernel kind='rzhanitsyn' amplitude=0.048 alpha=0.1 beta=0.05 /\n"
+    "&mount mass=1 inertia=0.1 offset=0.5 stiffness_x=10 stiffness_phi=2 /\n"
+    "&load on='x' amplitude=0.1 /\n&load kind='base' amplitude=0.02 order=2 /\n"
+    "&transient initial=0.05 0 0.3 0 t_end=4 nu=1.5 @ /\n",
+    "held": f"{PRONY}&mount mass=1 inertia=0.1 offset=0.5 stiffness_x=10 stiffness_phi=2 "
+    "geometry='exact' /\n&transient held=0.05 0.3 t_end=4 keep='tail' tail=2 dt=0.1 @ /\n",
+    "friction": "&system coordinates='x' 'y' mass=1 2 stiffness=2 -1 -1 2 damping=0.1 0 0 0.1 /\n"
+    "&force on='x' law='0.5*sign(x_dot) + x^3' /\n&load on='x' amplitude=1.3 /\n"
+    "&transient initial=0.3 0 0.1 0 t_end=5 nu=1.1 coordinates='y' @ /\n",
+    "structure": f"{PRONY}{PAIR}\n&element on='x1' 'x2' stiffness=0.5 law='0.4*d^3' kernel=1 /\n"
+    "&load on='x1' amplitude=0.8 /\n&load kind='base' amplitude=0.1 phase=0.3 /\n"
+    "&transient t_end=5 nu=0.9 initial=0.1 0 0.2 0 0 0 coordinates='x1' 'x3' @ /\n",
+    "kinks with memory": f"{PRONY}&structure mass=1 2 stiffness=2 1 damping=0.1 0.1 /\n"
+    "&element on='x1' 'x2' law='5*max(d - 0.1, 0) + 0.3*d' kernel=1 /\n"
+    "&element on='x2' law='0.2*sign(v)' kernel=0 /\n&load on='x1' amplitude=0.8 /\n"
+    "&transient t_end=6 nu=0.9 keep='last' @ /\n",
+}
+
+
+@pytest.mark.parametrize("name", ACCELERATIONS)
+def test_accelerations_of_driver_and_python_agree(solve, tmp_path, name):
+    """Python's are compared with other programs; the table is the same but for these columns."""
+    tables = []
+    for key in ("acceleration='yes'", ""):
+        scene = tmp_path / "motion.nml"
+        scene.write_text(ACCELERATIONS[name].replace("@", key))
+        done = solve(scene, "--out", tmp_path)
+        assert done.returncode == 0, done.stderr
+        tables.append(read_csv(tmp_path / "motion_transient.csv"))
+        if key:
+            run = vv.run(scene)
+    run.to_csv(tmp_path / "python.csv")
+    again = read_csv(tmp_path / "python.csv")
+    table, plain = tables
+    assert table.dtype.names == again.dtype.names
+    added = [column for column in table.dtype.names if column.endswith("_ddot")]
+    assert len(added) == (len(table.dtype.names) - 1) / 3
+    for column in table.dtype.names:
+        size = np.abs(again[column]).max()
+        np.testing.assert_allclose(table[column], again[column], rtol=0, atol=2e-13 * size)
+        if column not in added:
+            np.testing.assert_array_equal(table[column], plain[column])
+
+
+def test_accelerations_that_the_driver_refuses(solve, tmp_path):
+    text = (
+        "&structure mass=1 0 stiffness=2 -1 -1 2 /\n"
+        "&transient t_end=1 initial=0.1 0 0.05 0 acceleration='yes' /\n"
+    )
+    scene = tmp_path / "motion.nml"
+    scene.write_text(text)
+    done = solve(scene, "--out", tmp_path / "out")
+    assert done.returncode == 2
+    assert "acceleration = 'yes': is for structures" in done.stderr
+    scene.write_text(text.replace("'yes'", "'maybe'"))
+    done = solve(scene, "--out", tmp_path / "out")
+    assert done.returncode == 2
+    assert "acceleration = 'maybe': must be one of 'no', 'yes'" in done.stderr

@@ -16,12 +16,10 @@ from viscovib.kernels.relaxation import Kernel
 #: Gauss nodes of a panel, as in the core, and the places of a panel's points.
 _NODES = 8
 _PLACES = np.concatenate([[0.0], (np.polynomial.legendre.leggauss(_NODES)[0] + 1) / 2, [1.0]])
-#: Halvings of a first step, and of a step after a corner of the loads, where memory is not smooth.
-_AT_START, _AT_CORNER = 44, 24
+#: Halvings of the first step where memory is not smooth.
+_AT_START = 8
 #: Parts of each piece of a past that is known.
 _OF_PAST = 4
-#: Panels are not shorter than so many spacings of their times.
-_SHORTEST = 64.0
 #: Numbers of a motion at the points of panels, at most: 1 GiB.
 _MOST = 2**27
 
@@ -103,21 +101,14 @@ class EarlierMotion:
 
 
 def panel_ends(mesh: Mesh | None, h: float, until: float, *, graded: bool) -> FloatArray:
-    """Ends of panels from 0 on: the steps, and after corners parts that double their length."""
+    """Ends of panels from 0 on: the steps, of the first one parts that double their length."""
     if mesh is None:
         ends = h * np.arange(np.ceil(until / h * (1 - 1e-12)) + 1)
-        corners = ends[:1]
     else:
         ends = mesh.times(np.arange(mesh.count + 1))
-        corners = np.append(0.0, mesh.ends[:-1])
     ends = np.append(ends[ends < until * (1 - 1e-14)], until)
-    added = [ends]
-    for t in corners[corners < ends[-1]] if graded else ():
-        length = ends[np.searchsorted(ends, t, side="right")] - t
-        n = _AT_START if t == 0 else _AT_CORNER
-        later = length * 0.5 ** np.arange(1, n + 1)
-        added.append(t + later[later > _SHORTEST * np.spacing(t)])
-    return np.unique(np.concatenate(added))
+    parts = ends[1] * 0.5 ** np.arange(_AT_START if graded else 0, 0, -1)
+    return np.concatenate([ends[:1], parts, ends[1:]])
 
 
 @dataclass(frozen=True)

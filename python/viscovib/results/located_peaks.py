@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cache, partial
 from typing import Any
 
 import numpy as np
@@ -21,7 +21,7 @@ _INTERVALS = 16
 #: States around which a peak may be: as large as this part of the largest, and how many.
 _NEAR, _MOST = 0.9, 4
 #: Places at which the polynomial through the points is looked at.
-_FINE = 801
+_FINE = 201
 
 
 @dataclass(frozen=True)
@@ -98,19 +98,28 @@ def _windows(t: FloatArray, values: FloatArray) -> list[tuple[float, float]]:
     return list(zip(t[before].tolist(), t[after].tolist(), strict=True))
 
 
+@cache
+def _fit(n: int) -> tuple[FloatArray, FloatArray]:
+    """From values at n + 1 Chebyshev points to coefficients, and from these to a grid."""
+    orders = np.arange(n + 1)
+    # The ends count half, and so do their orders.
+    weights = np.where((orders == 0) | (orders == n), 0.5, 1.0)
+    cosines = np.cos(np.outer(np.pi * (1 - orders / n), orders))
+    grid = np.linspace(-1, 1, _FINE)
+    return weights[:, np.newaxis] * cosines * (weights * 2 / n), np.cos(
+        np.outer(orders, np.arccos(grid))
+    )
+
+
 def _tops(values: FloatArray, step: int) -> tuple[FloatArray, FloatArray]:
     """Largest values of the polynomials through every ``step``-th point, and their places.
 
     ``values``: shape (m, _INTERVALS + 1), at Chebyshev points of [-1, 1].
     """
     n = _INTERVALS // step
-    theta = np.pi * (1 - np.arange(n + 1) / n)
-    # Coefficients of Chebyshev polynomials; the ends count half, and so do their orders.
-    weights = np.where(np.isin(np.arange(n + 1), (0, n)), 0.5, 1.0)
-    coefficients = (values[:, ::step] * weights) @ np.cos(np.outer(theta, np.arange(n + 1)))
-    coefficients *= weights * 2 / n
-    grid = np.linspace(-1, 1, _FINE)
-    size = np.abs(coefficients @ np.cos(np.outer(np.arange(n + 1), np.arccos(grid))))
+    to_coefficients, on_grid = _fit(n)
+    coefficients = values[:, ::step] @ to_coefficients
+    size = np.abs(coefficients @ on_grid)
     rows = np.arange(size.shape[0])
     i = size.argmax(axis=1)
     inner = np.clip(i, 1, _FINE - 2)
@@ -119,7 +128,7 @@ def _tops(values: FloatArray, step: int) -> tuple[FloatArray, FloatArray]:
     shift = np.where(
         (i == inner) & (bend < 0), 0.5 * (before - after) / np.minimum(bend, -1e-300), 0
     )
-    at = np.clip(grid[i] + np.clip(shift, -1, 1) * (grid[1] - grid[0]), -1, 1)
+    at = np.clip(-1 + (i + np.clip(shift, -1, 1)) * 2 / (_FINE - 1), -1, 1)
     there = np.cos(np.arccos(at)[:, np.newaxis] * np.arange(n + 1))
     return (coefficients * there).sum(axis=1), at
 

@@ -189,6 +189,8 @@ class Trajectory(Result):
     events: tuple[Passages, ...] = ()
     _floor: BaseMotion | None = field(default=None, repr=False)
 
+    #: Whether its table contains accelerations.
+    _accelerates = False
     kind = "transient"
     _form = "trajectory"
 
@@ -716,6 +718,8 @@ class Trajectory(Result):
         for d in wanted:
             table.columns[self.dof_names[d]] = self.state[:, 2 * d]
             table.columns[f"{self.dof_names[d]}_dot"] = self.state[:, 2 * d + 1]
+            if self._accelerates:
+                table.columns[f"{self.dof_names[d]}_ddot"] = self.acceleration[:, d]
         return table
 
 

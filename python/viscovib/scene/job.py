@@ -186,6 +186,8 @@ def run_one(scene: Scene, *, progress: bool = False) -> SceneResult:
     if "transient" in scene.groups:
         found = simulate(**scene._motion(), progress=progress)
         run = replace(found, _planned=partial(given_plan, planned))
+        accelerates = scene.groups["transient"]["acceleration"] == "yes"
+        run = _with(run, _accelerates=accelerates)
         return SceneResult(scene, run, _spectrum(scene, run), _events(scene, run))
     if "backbone" in scene.groups:
         free, families = scene._backbones()
@@ -252,7 +254,7 @@ def _events(scene: Scene, run: Trajectory) -> TableResult | None:
     if late:
         columns |= {"t_error": np.concatenate(late), "state_error": np.concatenate(off)}
     table = run._table(texts(scene.groups["transient"]["coordinates"]))
-    for name in list(table.columns)[1:]:
+    for name in [one for one in list(table.columns)[1:] if not one.endswith("_ddot")]:
         place = 2 * run.dof_names.index(name.removesuffix("_dot")) + name.endswith("_dot")
         columns[name] = state[:, place]
     told = f"{things(state.shape[0], 'passage')} of {things(len(groups), 'event')}"
