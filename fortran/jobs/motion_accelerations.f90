@@ -6,7 +6,6 @@
 module viscovib_motion_accelerations
   use viscovib_collocation, only: collocation_type, new_collocation
   use viscovib_constants, only: imaginary_unit
-  use viscovib_fitted_memory, only: needs_fit
   use viscovib_hereditary_job, only: hereditary_job
   use viscovib_kinds, only: wp
   use viscovib_load, only: load_type
@@ -23,9 +22,6 @@ module viscovib_motion_accelerations
   private
 
   public :: find_accelerations
-
-  !> Halvings of the first step where memory is not smooth.
-  integer, parameter :: halvings = 8
 
 contains
 
@@ -152,7 +148,7 @@ contains
     if (status%failed()) return
     allocate (recalled(size(trajectory%t), system%n_memory()), source=0.0_wp)
     if (any(system%kernel_of > 0)) then
-      call find_panels(trajectory, needs_fit(system), ends, times, points)
+      call find_panels(trajectory, ends, times, points)
       call repeat_motion(motion, subject, motion%nu, trajectory, times, .false., again, status)
       if (status%failed()) return
       call relative(system, load, motion%nu, again, points, panel_u, panel_rate)
@@ -177,9 +173,8 @@ contains
 
   !> Ends of panels until the last state; times at their points, each once, and the place among
   !! these of every point.
-  subroutine find_panels(trajectory, is_steep, ends, times, points)
+  subroutine find_panels(trajectory, ends, times, points)
     type(trajectory_type), intent(in) :: trajectory
-    logical, intent(in) :: is_steep
     real(wp), allocatable, intent(out) :: ends(:), times(:)
     integer, allocatable, intent(out) :: points(:)
     type(collocation_type) :: table
@@ -190,7 +185,6 @@ contains
     until = max(trajectory%t(size(trajectory%t)), 1.0e-3_wp*trajectory%h)
     n = max(1, ceiling(until/trajectory%h*(1.0_wp - 1.0e-12_wp)))
     ends = [0.0_wp, (i*trajectory%h, i=1, n - 1), until]
-    if (is_steep) ends = [0.0_wp, (scale(ends(2), -i), i=halvings, 1, -1), ends(2:)]
     n = size(ends) - 1
     k = panel_points + 1
     allocate (times(n*k + 1), points(n*(k + 1)))

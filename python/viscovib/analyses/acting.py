@@ -16,8 +16,6 @@ from viscovib.kernels.relaxation import Kernel
 #: Gauss nodes of a panel, as in the core, and the places of a panel's points.
 _NODES = 8
 _PLACES = np.concatenate([[0.0], (np.polynomial.legendre.leggauss(_NODES)[0] + 1) / 2, [1.0]])
-#: Halvings of the first step where memory is not smooth.
-_AT_START = 8
 #: Parts of each piece of a past that is known.
 _OF_PAST = 4
 #: Numbers of a motion at the points of panels, at most: 1 GiB.
@@ -100,15 +98,13 @@ class EarlierMotion:
     moved: FloatArray
 
 
-def panel_ends(mesh: Mesh | None, h: float, until: float, *, graded: bool) -> FloatArray:
-    """Ends of panels from 0 on: the steps, of the first one parts that double their length."""
+def panel_ends(mesh: Mesh | None, h: float, until: float) -> FloatArray:
+    """Ends of panels from 0 on: the steps."""
     if mesh is None:
         ends = h * np.arange(np.ceil(until / h * (1 - 1e-12)) + 1)
     else:
         ends = mesh.times(np.arange(mesh.count + 1))
-    ends = np.append(ends[ends < until * (1 - 1e-14)], until)
-    parts = ends[1] * 0.5 ** np.arange(_AT_START if graded else 0, 0, -1)
-    return np.concatenate([ends[:1], parts, ends[1:]])
+    return np.append(ends[ends < until * (1 - 1e-14)], until)
 
 
 @dataclass(frozen=True)

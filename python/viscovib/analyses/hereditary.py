@@ -309,13 +309,6 @@ class MountRun(Run):
         return motion.mount._handle, motion.acting, motion.past
 
     @property
-    def smooth_memory(self) -> bool:
-        """Whether all kernels are sums of exponentials."""
-        mount = self.motion.mount
-        kernels = getattr(mount, "_all_kernels", mount._active_kernels)
-        return all(isinstance(kernel, PronyKernel) for kernel in kernels)
-
-    @property
     def fitted(self) -> bool:
         """Whether some kernel is a sum of exponentials only for the steps it was fitted for."""
         return self.past == "exponentials" and any(

@@ -381,11 +381,6 @@ class PolynomialRun(Run):
         loads = Loads(orders * frequency, series[: len(job[6])], breaks, pieces)
         return self.system_in_core, loads, past
 
-    @property
-    def smooth_memory(self) -> bool:
-        """Whether all kernels are sums of exponentials."""
-        return not self.represented
-
     def along(self, kept: Trajectory, *, remembers: bool = True) -> KnownMotion:
         """As of other runs; on surfaces of laws by the equations of the side that it is on."""
         if not (self.switched.size or self.hidden):

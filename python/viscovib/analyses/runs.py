@@ -538,11 +538,6 @@ class Run(ABC):
         """The system, its loads, and its past; None: it has no memory."""
         raise InputError(f"{type(self.system).__name__}: a motion of it has no accelerations")
 
-    @property
-    def smooth_memory(self) -> bool:
-        """Whether all that springs remember is smooth from the start of a motion on."""
-        return False
-
     def accelerations(self, kept: Trajectory) -> FloatArray:
         """Accelerations of the states that ``kept`` holds, by the equations of motion."""
         return accelerations(self.along(kept, remembers=False))
@@ -594,7 +589,7 @@ class Run(ABC):
         """The whole motion on panels, made once."""
         until = max(kept.t_reached, 1e-3 * self.h)
         if self.on_panels is None or self.on_panels[0] != until:
-            ends = panel_ends(self.mesh, self.h, until, graded=not self.smooth_memory)
+            ends = panel_ends(self.mesh, self.h, until)
             self.on_panels = until, Panels.of(ends, past, states)
         return self.on_panels[1]
 
