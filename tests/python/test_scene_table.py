@@ -164,9 +164,9 @@ def test_a_wrong_type_is_named_with_its_key(tmp_path, name):
     wrong = WRONG.get(row["type"], "'a'")
     if "size" in row:
         wrong = f"{row['size']}*{wrong}"
-    told = refused(tmp_path, scene(row, group, system_of(row, group), wrong))
+    message = refused(tmp_path, scene(row, group, system_of(row, group), wrong))
     key = "k" if row["name"] == "*" else row["name"]
-    assert re.match(rf"{key} (= \S+|has 1 values): must be ", told)
+    assert re.match(rf"{key} (= \S+|has 1 values): must be ", message)
 
 
 @pytest.mark.parametrize("name", NAMED)
@@ -175,8 +175,8 @@ def test_a_misspelt_key_is_found(tmp_path, name):
     key, system = row["name"], system_of(row, group)
     misspelt = key[0] + key
     value = WRONG.get(row["type"], "'a'")
-    told = refused(tmp_path, scene(row, group, system, value, name=misspelt))
-    assert told == f"unknown key '{misspelt}' in &{group['name']}; did you mean '{key}'?"
+    message = refused(tmp_path, scene(row, group, system, value, name=misspelt))
+    assert message == f"unknown key '{misspelt}' in &{group['name']}; did you mean '{key}'?"
 
 
 BOUNDED = [
@@ -198,11 +198,11 @@ def outside(row, side):
 
 
 @pytest.mark.parametrize(("name", "side"), BOUNDED)
-def test_out_of_bounds_is_refused_and_the_bound_is_told(tmp_path, name, side):
+def test_out_of_bounds_is_refused_and_the_bound_is_named(tmp_path, name, side):
     row, group = ROWS[name]
     given = f"{row.get('size', 1)}*{outside(row, side)!r}"
-    told = refused(tmp_path, scene(row, group, system_of(row, group), given))
-    assert re.match(rf"{row['name']} = \S+: {re.escape(row['must'])}$", told)
+    message = refused(tmp_path, scene(row, group, system_of(row, group), given))
+    assert re.match(rf"{row['name']} = \S+: {re.escape(row['must'])}$", message)
 
 
 WORDED = [name for name, (row, _) in ROWS.items() if "words" in row]
@@ -212,9 +212,9 @@ WORDED = [name for name, (row, _) in ROWS.items() if "words" in row]
 def test_words_are_those_of_the_table(tmp_path, name):
     row, group = ROWS[name]
     system = system_of(row, group)
-    told = refused(tmp_path, scene(row, group, system, "'no such'"))
+    message = refused(tmp_path, scene(row, group, system, "'no such'"))
     words = ", ".join(f"'{word}'" for word in row["words"])
-    assert told == f"{row['name']} = 'no such': must be one of {words}"
+    assert message == f"{row['name']} = 'no such': must be one of {words}"
 
 
 DEFAULTS = [
@@ -254,7 +254,9 @@ CALLED = [
 ]
 
 
-@pytest.mark.parametrize(("function", "row"), CALLED, ids=lambda one: str(one)[:60])
+@pytest.mark.parametrize(
+    ("function", "row"), CALLED, ids=lambda one: one if isinstance(one, str) else one["name"]
+)
 def test_python_has_the_names_and_defaults_of_the_table(function, row):
     arguments = inspect.signature(getattr(vv, function)).parameters
     one = arguments[row.get("python", row["name"])]
