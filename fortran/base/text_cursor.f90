@@ -30,7 +30,7 @@ module viscovib_text_cursor
     procedure :: begin
     procedure :: peek
     procedure :: next_two
-    procedure :: blame
+    procedure :: expect
     procedure, private :: meant
     procedure :: read_digits
   end type text_cursor
@@ -64,8 +64,8 @@ contains
     next_two = self%text(self%at:min(self%at + 1, len(self%text)))
   end function next_two
 
-  !> The character at hand is not what should be there; the first fault stands.
-  subroutine blame(self, what)
+  !> State what is expected in place of the present character; the first fault is kept.
+  subroutine expect(self, what)
     class(text_cursor), intent(inout) :: self
     character(len=*), intent(in) :: what
     integer :: last
@@ -78,12 +78,12 @@ contains
       last = last + 1
     end do
     if (self%at >= len(self%text)) then
-      self%fault = 'its end is '//what
+      self%fault = 'at its end: expected '//what
     else
-      self%fault = quoted(self%text(self%at:last))//' (character '//show(self%at)//') is '//what &
-                   //self%meant(self%text(self%at:last))
+      self%fault = quoted(self%text(self%at:last))//' (character '//show(self%at) &
+                   //'): expected '//what//self%meant(self%text(self%at:last))
     end if
-  end subroutine blame
+  end subroutine expect
 
   pure function quoted(sign)
     character(len=*), intent(in) :: sign
@@ -101,15 +101,15 @@ contains
     before = trim(self%text(:self%at - 1))
     before = before(max(len(before), 1):)
     meant = ''
-    if (any(sign == primes)) meant = 'a rate is x_dot, of d it is v'
-    if (sign == '|') meant = 'an absolute value is abs(x)'
-    if (sign == ',' .and. scan(before, digits) > 0) meant = 'a number has a decimal point'
-    if (any(sign == dashes)) meant = 'minus is -'
-    if (any(sign == dots)) meant = 'times is *'
-    if (any(sign == raised)) meant = 'powers are x^2, x^3'
-    if (scan(sign, names) > 0 .and. scan(before, digits//')') > 0) meant = 'every product has its *'
-    if (sign == '(' .and. scan(before, digits//')') > 0) meant = 'every product has its *'
-    if (meant /= '') meant = ': '//meant
+    if (any(sign == primes)) meant = 'write the rate of x as x_dot, the rate of d as v'
+    if (sign == '|') meant = 'write an absolute value as abs(x)'
+    if (sign == ',' .and. scan(before, digits) > 0) meant = 'write numbers with a decimal point'
+    if (any(sign == dashes)) meant = 'write minus as -'
+    if (any(sign == dots)) meant = 'write products with *'
+    if (any(sign == raised)) meant = 'write powers as x^2, x^3'
+    if (scan(sign, names) > 0 .and. scan(before, digits//')') > 0) meant = 'write products with *'
+    if (sign == '(' .and. scan(before, digits//')') > 0) meant = 'write products with *'
+    if (meant /= '') meant = '; '//meant
   end function meant
 
   !> A number such as 2, .5, 1e-3.

@@ -46,8 +46,7 @@ contains
     call cursor%begin(lower(text))
     cursor%effort = effort
     call read_sum(cursor, names, terms)
-    if (cursor%fault == '' .and. cursor%peek() /= ' ') call cursor%blame('found where + - * / ^ ' &
-                                                                 //'or the end should be')
+    if (cursor%fault == '' .and. cursor%peek() /= ' ') call cursor%expect('+ - * / ^ or the end')
     fault = cursor%fault
     effort = cursor%effort
   end subroutine expand
@@ -115,7 +114,7 @@ contains
     n = 1
     if (cursor%fault == '' .and. (cursor%peek() == '^' .or. cursor%next_two() == '**')) then
       cursor%at = cursor%at + merge(1, 2, cursor%peek() == '^')
-      if (scan(cursor%peek(), digits) == 0) call cursor%blame('found where a whole power should be')
+      if (scan(cursor%peek(), digits) == 0) call cursor%expect('a whole power')
       first = cursor%at
       cursor%at = first + verify(cursor%text(first:), digits) - 1
       n = max_degree + 1
@@ -151,7 +150,7 @@ contains
       cursor%at = cursor%at + 1
       call read_sum(cursor, names, total)
       if (cursor%fault /= '') return
-      if (cursor%peek() /= ')') call cursor%blame('found where ) should be')
+      if (cursor%peek() /= ')') call cursor%expect(')')
       if (cursor%fault /= '') return
       cursor%at = cursor%at + 1
       cursor%depth = cursor%depth - 1
@@ -174,7 +173,7 @@ contains
         end if
       end associate
     else
-      call cursor%blame('found where a number, a coordinate or ( should be')
+      call cursor%expect('a number, a coordinate or (')
     end if
   end subroutine read_primary
 

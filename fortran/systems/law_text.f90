@@ -57,7 +57,7 @@ contains
     call cursor%begin(text)
     call read_comparison(cursor, arguments, names, values)
     if (cursor%fault == '' .and. cursor%peek() /= ' ') then
-      call cursor%blame('found where an operator or the end should be')
+      call cursor%expect('an operator or the end')
     end if
     fault = cursor%fault
     if (fault /= '') return
@@ -262,7 +262,7 @@ contains
     else if (scan(c, letters) > 0) then
       call read_name(cursor, arguments, names, values)
     else
-      call cursor%blame('found where a number, a name or ( should be')
+      call cursor%expect('a number, a name or (')
     end if
   end subroutine read_primary
 
@@ -282,11 +282,11 @@ contains
       call read_comparison(cursor, arguments, names, values)
       if (cursor%fault /= '') return
       if (i == n) exit
-      if (cursor%peek() /= ',') call cursor%blame('found where , should be')
+      if (cursor%peek() /= ',') call cursor%expect(',')
       if (cursor%fault /= '') return
       cursor%at = cursor%at + 1
     end do
-    if (cursor%peek() /= ')') call cursor%blame('found where ) should be')
+    if (cursor%peek() /= ')') call cursor%expect(')')
     if (cursor%fault /= '') return
     cursor%at = cursor%at + 1
     cursor%depth = cursor%depth - 1

@@ -192,7 +192,7 @@ REFUSED = {
 }
 ELEMENTS = {
     "on='x9' law='d^3'": "on = 'x9': must be one of the 2 coordinates x1, x2",
-    "on='x1' law='d^3 +'": "its end is found where a number, a coordinate or",
+    "on='x1' law='d^3 +'": "at its end: expected a number, a coordinate or",
     "on='x1' law='y^3'": "'y' is not a coordinate (only d is); a parameter is written as its",
     "on='x1' law='log(d)'": "must be defined around rest",
     "on='x1' law='d/abs(d)'": "u/abs(u) is sign(u) but for u = 0: write sign",

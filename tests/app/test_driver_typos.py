@@ -47,11 +47,11 @@ TYPOS = {
         for text, message in [
             ("", "&event lacks function"),
             ("funtion='x'", "did you mean 'function'?"),
-            ("function='x +'", "its end is found"),
+            ("function='x +'", "at its end: expected"),
             ("function='1'", "depends on no quantity"),
             ("function='x' direction='upp'", "must be one of 'any', 'up', 'down'"),
-            ("function='é'", "'é' (character 1) is found where"),
-            ("function='x*€'", "'€' (character 3) is found where"),
+            ("function='é'", "'é' (character 1): expected"),
+            ("function='x*€'", "'€' (character 3): expected"),
             ("function='k*x'", "'k' is neither a variable nor a parameter"),
         ]
     },
@@ -75,10 +75,10 @@ TYPOS = {
         for text, message in [
             ("", "law has no value"),
             ("x^3", "must be a quoted text"),
-            ("'x^'", "found where a whole power should be"),
+            ("'x^'", "expected a whole power"),
             ("'sinn(x)'", "did you mean sinh?"),
-            ("'2x'", "'x' (character 2) is found where"),
-            ("'é*x'", "'é' (character 1) is found where"),
+            ("'2x'", "'x' (character 2): expected"),
+            ("'é*x'", "'é' (character 1): expected"),
             ("'sqrt(x)'", "must be defined around rest"),
             ("'tanh(1/x)'", "must be defined around rest"),
             ("'x / abs(x)'", "u/abs(u) is sign(u) but for u = 0: write sign"),

@@ -171,10 +171,10 @@ contains
                  ':5: kernel = 1: must be 0 (none) to 0')
       call wrong(system//load//response//"&force coefficient=1, powers=2,"//nl//"on='y' /", &
                  ":5: on = 'y': must be one of 'x'")
-      call wrong_law("x^2 +", "its end is found where a number, a coordinate or ( should be")
-      call wrong_law("(x^2", "its end is found where ) should be")
-      call wrong_law("x^2)", "')' (character 4) is found where + - * / ^ or the end should be")
-      call wrong_law("2 x^2", "'x' (character 3) is found where + - * / ^ or the end should be")
+      call wrong_law("x^2 +", "at its end: expected a number, a coordinate or (")
+      call wrong_law("(x^2", "at its end: expected )")
+      call wrong_law("x^2)", "')' (character 4): expected + - * / ^ or the end")
+      call wrong_law("2 x^2", "'x' (character 3): expected + - * / ^ or the end")
       call wrong_law("y^2", "'y' is not a coordinate")
       call wrong_law("x^1.5", "must be defined around rest")
       call wrong_law("x^-2", "must be defined around rest")
@@ -184,7 +184,7 @@ contains
       call wrong_law("x^2/1e-200", "must be defined around rest")
       call wrong_law(repeat('(', 200)//'x', "it must not be nested deeper than 100")
       call wrong_law("x + x^3", "what is linear belongs to the stiffness", "law: powers must")
-      call wrong_law("2*", "its end is found where a number, a coordinate or ( should be")
+      call wrong_law("2*", "at its end: expected a number, a coordinate or (")
       call wrong(system//load//response//"&force law='x^2', coefficient=1 /", &
                  ':4: coefficient: the law says it already')
       call wrong(system//load//response//'&spring stiffness=1 2 3 /', &

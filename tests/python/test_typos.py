@@ -79,8 +79,8 @@ PYTHON = [
     ),
     (
         lambda: system(forces="2x^3"),
-        "forces['x'] = '2x^3': 'x' (character 2) is found where an operator or the end should be: "
-        "every product has its *",
+        "forces['x'] = '2x^3': 'x' (character 2): expected an operator or the end; "
+        "write products with *",
     ),
     (
         lambda: vv.Spring(on="x1", law="x^3"),
